@@ -1,0 +1,1 @@
+//! Derive macros for the node and value types of `pegbar-engine`.

@@ -1,0 +1,1 @@
+//! Typed dataflow over time: values, graph files, checking, planning, executing. Knows no animation.

@@ -1,0 +1,1 @@
+//! Picture files to samples and back, as bytes.

@@ -1,0 +1,1 @@
+//! Colour spaces: sRGB, linear light and CIE L*a*b*.

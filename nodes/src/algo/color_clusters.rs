@@ -1,0 +1,1 @@
+//! Soft mattes from Gaussian mixtures of colour.

@@ -1,0 +1,1 @@
+//! Porter-Duff merges of premultiplied pictures.

@@ -1,0 +1,11 @@
+//! The mathematics of the stages: pure functions on slices and matrices, each citing its equation. Nothing here knows the engine.
+
+pub mod codec;
+pub mod color;
+pub mod color_clusters;
+pub mod filter;
+pub mod merge;
+pub mod paint;
+pub mod raster;
+pub mod track_affine;
+pub mod warp_affine;

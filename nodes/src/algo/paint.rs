@@ -1,0 +1,1 @@
+//! Filled and stroked paths with exact area coverage.

@@ -1,0 +1,1 @@
+//! Affine image registration.

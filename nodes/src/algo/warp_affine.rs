@@ -1,0 +1,1 @@
+//! Pictures under an affine map.

@@ -1,0 +1,3 @@
+//! The animation nodes of Pegbar: data types at the bottom, `algo` above them (pure functions), one file a node on top.
+
+pub mod algo;
