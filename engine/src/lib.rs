@@ -1,1 +1,21 @@
 //! Typed dataflow over time: values, graph files, checking, planning, executing. Knows no animation.
+
+extern crate self as pegbar_engine;
+
+pub mod array;
+pub mod check;
+pub mod clock;
+pub mod diag;
+pub mod exec;
+pub mod graph;
+pub mod node;
+pub mod plan;
+pub mod registry;
+pub mod setting;
+pub mod syntax;
+pub mod value;
+
+pub use pegbar_derive::{Node, Outputs, Setting, Value};
+
+#[cfg(test)]
+mod tests;

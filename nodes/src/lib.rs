@@ -1,3 +1,7 @@
 //! The animation nodes of Pegbar: data types at the bottom, `algo` above them (pure functions), one file a node on top.
 
 pub mod algo;
+pub mod data;
+mod registry;
+
+pub use registry::registry;

@@ -1,0 +1,129 @@
+//! `#[derive(Value)]`.
+
+use proc_macro2::TokenStream;
+use quote::quote;
+use syn::{DeriveInput, LitStr};
+
+use crate::attrs::{doc, fields};
+
+#[derive(Default)]
+struct StructAttrs {
+    name: Option<LitStr>,
+    check: Option<syn::Ident>,
+    literal: Option<syn::Path>,
+    form: Option<LitStr>,
+}
+
+enum FieldKind {
+    Array(LitStr),
+    Text,
+    Skip,
+}
+
+fn struct_attrs(input: &DeriveInput) -> syn::Result<StructAttrs> {
+    let mut out = StructAttrs::default();
+    for attribute in input.attrs.iter().filter(|a| a.path().is_ident("value")) {
+        attribute.parse_nested_meta(|m| {
+            if m.path.is_ident("name") {
+                out.name = Some(m.value()?.parse()?);
+            } else if m.path.is_ident("check") {
+                out.check = Some(m.value()?.parse::<LitStr>()?.parse()?);
+            } else if m.path.is_ident("literal") {
+                out.literal = Some(m.value()?.parse::<LitStr>()?.parse()?);
+            } else if m.path.is_ident("form") {
+                out.form = Some(m.value()?.parse()?);
+            } else {
+                return Err(m.error("expected name, check, literal or form"));
+            }
+            Ok(())
+        })?;
+    }
+    Ok(out)
+}
+
+fn field_kind(field: &syn::Field) -> syn::Result<FieldKind> {
+    let mut kind = None;
+    for attribute in field.attrs.iter().filter(|a| a.path().is_ident("value")) {
+        attribute.parse_nested_meta(|m| {
+            if m.path.is_ident("shape") {
+                kind = Some(FieldKind::Array(m.value()?.parse()?));
+            } else if m.path.is_ident("text") {
+                kind = Some(FieldKind::Text);
+            } else if m.path.is_ident("skip") {
+                kind = Some(FieldKind::Skip);
+            } else {
+                return Err(m.error("expected shape, text or skip"));
+            }
+            Ok(())
+        })?;
+    }
+    kind.ok_or_else(|| syn::Error::new_spanned(field, "expected #[value(shape = \"...\")], #[value(text)] or #[value(skip)]"))
+}
+
+pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
+    let ident = &input.ident;
+    let attrs = struct_attrs(input)?;
+    let name = attrs.name.map_or_else(|| ident.to_string(), |n| n.value());
+    let about = doc(&input.attrs, ident, "a value type")?;
+    let (mut arrays, mut texts, mut views, mut metas, mut builds, mut sizes) = (vec![], vec![], vec![], vec![], vec![], vec![]);
+    let mut first = None;
+    for field in fields(input)? {
+        let (fname, ty) = (&field.ident, &field.ty);
+        let key = fname.as_ref().map(ToString::to_string).unwrap_or_default();
+        match field_kind(field)? {
+            FieldKind::Array(shape) => {
+                let doc = doc(&field.attrs, field, "an array")?;
+                first.get_or_insert(fname);
+                arrays.push(quote! { ::pegbar_engine::value::ArraySchema { name: #key, dtype: <#ty as ::pegbar_engine::array::ArrayField>::DTYPE, shape: #shape, doc: #doc } });
+                views.push(quote! { (#key, ::pegbar_engine::array::ArrayField::view(&self.#fname)) });
+                sizes.push(quote! { ::pegbar_engine::array::ArrayField::bytes(&self.#fname).len() });
+                builds.push(quote! { #fname: ::pegbar_engine::array::ArrayField::from_array(parts.take(#key)?)
+                    .map_err(|source| ::pegbar_engine::value::ValueError::Array { name: #key, source })? });
+            }
+            FieldKind::Text => {
+                let doc = doc(&field.attrs, field, "a text")?;
+                texts.push(quote! { ::pegbar_engine::value::TextSchema { name: #key, doc: #doc } });
+                metas.push(quote! { ::pegbar_engine::value::put_text(&mut meta, #key, &self.#fname); });
+                builds.push(quote! { #fname: ::pegbar_engine::value::take_text(&parts.meta, #key)? });
+            }
+            FieldKind::Skip => builds.push(quote! { #fname: ::core::default::Default::default() }),
+        }
+    }
+    let first_shape = first.map_or_else(
+        || quote! { ::pegbar_engine::array::Shape::default() },
+        |f| quote! { ::pegbar_engine::array::ArrayField::shape(&self.#f) },
+    );
+    let check = attrs.check.map(|c| quote! { value.#c().map_err(::pegbar_engine::value::ValueError::Invalid)?; });
+    let literal = attrs.literal.map(|path| {
+        let form = attrs.form;
+        quote! { fn literal() -> Option<::pegbar_engine::value::LiteralSyntax<Self>> {
+            Some(::pegbar_engine::value::LiteralSyntax { form: #form, parse: #path })
+        } }
+    });
+    Ok(quote! {
+        impl ::pegbar_engine::value::Value for #ident {
+            const NAME: &'static str = #name;
+            fn schema() -> ::pegbar_engine::value::TypeSchema {
+                ::pegbar_engine::value::TypeSchema { name: #name, doc: #about, arrays: vec![#(#arrays),*], texts: vec![#(#texts),*] }
+            }
+            fn parts(&self) -> ::pegbar_engine::value::Parts<'_> {
+                #[allow(unused_mut, reason = "a type without text fields")]
+                let mut meta = ::pegbar_engine::value::Meta::new();
+                #(#metas)*
+                ::pegbar_engine::value::Parts { arrays: vec![#(#views),*], meta }
+            }
+            fn from_parts(mut parts: ::pegbar_engine::value::OwnedParts) -> Result<Self, ::pegbar_engine::value::ValueError> {
+                let value = Self { #(#builds),* };
+                #check
+                Ok(value)
+            }
+            fn size(&self) -> usize {
+                0 #( + #sizes)*
+            }
+            fn first_shape(&self) -> ::pegbar_engine::array::Shape {
+                #first_shape
+            }
+            #literal
+        }
+    })
+}

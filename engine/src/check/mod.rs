@@ -1,0 +1,216 @@
+//! From a graph file to a [`Graph`] that can run: reads the file and the graphs that it uses, and collects *all* problems on the way.
+//!
+//! Three steps. [`document`] reads each file into a scope: its parameters, nodes and outputs, as spans of the source. [`resolve`] follows
+//! variables and references through the scopes. [`typing`] holds types, rates, clocks and files against what the node types say of themselves.
+
+mod document;
+mod files;
+mod resolve;
+mod typing;
+
+use std::path::{Path, PathBuf};
+
+use crate::diag::{Diagnostic, FileId, Label, Severity, SourceMap, Span};
+use crate::graph::Graph;
+use crate::registry::Registry;
+
+/// The codes of what can be wrong with a graph.
+pub mod code {
+    /// A file cannot be read.
+    pub const UNREADABLE: &str = "PB0100";
+    /// A field that a record does not have.
+    pub const UNKNOWN_FIELD: &str = "PB0101";
+    /// A format version that this Pegbar does not read.
+    pub const FORMAT_VERSION: &str = "PB0102";
+    /// Something of another form than it must have.
+    pub const FORM: &str = "PB0103";
+    /// A frame range that has no frames, or none at all where there must be one.
+    pub const FRAMES: &str = "PB0104";
+    /// A field that must be there is not.
+    pub const MISSING_FIELD: &str = "PB0105";
+    /// A name that stands twice.
+    pub const DUPLICATE: &str = "PB0110";
+    /// A name that cannot be one.
+    pub const BAD_NAME: &str = "PB0111";
+    /// A node type that there is not.
+    pub const UNKNOWN_TYPE: &str = "PB0120";
+    /// An input that the node type does not have.
+    pub const UNKNOWN_INPUT: &str = "PB0121";
+    /// An input that must be given is not.
+    pub const MISSING_INPUT: &str = "PB0122";
+    /// A graph that uses itself.
+    pub const GRAPH_RECURSION: &str = "PB0123";
+    /// A literal that is not what the input takes.
+    pub const BAD_LITERAL: &str = "PB0130";
+    /// A number outside the input's range.
+    pub const OUT_OF_RANGE: &str = "PB0131";
+    /// A value type that there is not.
+    pub const UNKNOWN_VALUE_TYPE: &str = "PB0132";
+    /// A reference to a node that there is not.
+    pub const UNKNOWN_NODE: &str = "PB0140";
+    /// A reference to an output that the node does not have.
+    pub const UNKNOWN_OUTPUT: &str = "PB0141";
+    /// A wire between two types.
+    pub const TYPE_MISMATCH: &str = "PB0142";
+    /// One value a frame where one for the whole graph is needed.
+    pub const RATE_MISMATCH: &str = "PB0143";
+    /// A wire between two clocks.
+    pub const CLOCK_MISMATCH: &str = "PB0144";
+    /// Nodes that wait for each other.
+    pub const CYCLE: &str = "PB0145";
+    /// A clock that there is not.
+    pub const UNKNOWN_CLOCK: &str = "PB0146";
+    /// A variable that nothing defines.
+    pub const UNDEFINED_VARIABLE: &str = "PB0150";
+    /// A parameter that nothing reads.
+    pub const UNUSED_PARAMETER: &str = "PB0151";
+    /// An override of something that there is not.
+    pub const UNKNOWN_OVERRIDE: &str = "PB0152";
+    /// A file that there is not.
+    pub const MISSING_FILE: &str = "PB0160";
+    /// Frames of a sequence that there are not.
+    pub const FRAME_HOLES: &str = "PB0161";
+    /// A path that leads out of the output folder.
+    pub const OUTSIDE_OUTPUT: &str = "PB0162";
+    /// Two nodes that write one file.
+    pub const WRITTEN_TWICE: &str = "PB0163";
+    /// A stream written to one file name.
+    pub const NO_FRAME_NUMBER: &str = "PB0164";
+    /// Settings that do not go together.
+    pub const SETTINGS: &str = "PB0170";
+}
+
+/// What the caller sets from outside.
+#[derive(Clone, Debug, Default)]
+pub struct LoadOptions {
+    /// Folder that outputs go to: `$out`.
+    pub out: PathBuf,
+    /// `NAME=VALUE` pairs for the graph's parameters.
+    pub variables: Vec<(String, String)>,
+    /// `node.input=RON` pairs.
+    pub overrides: Vec<(String, String)>,
+}
+
+/// A graph file that was read, with all that is wrong with it.
+pub struct Loaded {
+    /// Every file that was read.
+    pub sources: SourceMap,
+    /// What is wrong, in the order of the files.
+    pub diagnostics: Vec<Diagnostic>,
+    /// The graph; `None` where something is wrong.
+    pub graph: Option<Graph>,
+}
+
+impl Loaded {
+    /// Number of errors, warnings not counted.
+    pub fn errors(&self) -> usize {
+        self.diagnostics.iter().filter(|d| d.severity == Severity::Error).count()
+    }
+}
+
+/// Reads and checks a graph file. Runs no node.
+pub fn load(path: &Path, registry: &Registry, options: &LoadOptions) -> Loaded {
+    let mut checker = Checker::new(registry, options);
+    let text = match std::fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) => {
+            checker.diagnostics.push(Diagnostic::new(Severity::Error, code::UNREADABLE, format!("{}: {error}", path.display())));
+            String::new()
+        }
+    };
+    if checker.diagnostics.is_empty() {
+        checker.check(path, text)
+    } else {
+        checker.finish(None)
+    }
+}
+
+/// Checks the text of a graph file as if it stood at `path`.
+pub fn load_text(path: &Path, text: &str, registry: &Registry, options: &LoadOptions) -> Loaded {
+    Checker::new(registry, options).check(path, text.to_owned())
+}
+
+struct Checker<'a> {
+    registry: &'a Registry,
+    options: &'a LoadOptions,
+    sources: SourceMap,
+    diagnostics: Vec<Diagnostic>,
+    scopes: Vec<document::Scope>,
+    /// Nodes of all scopes, in the order in which they are written.
+    nodes: Vec<document::NodeSource>,
+    /// Overrides and variables that were used.
+    used: std::collections::BTreeSet<String>,
+}
+
+/// A place in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct At {
+    pub(crate) file: FileId,
+    pub(crate) span: Span,
+}
+
+impl At {
+    fn label(self) -> Label {
+        Label::new(self.file, self.span)
+    }
+
+    fn note(self, text: impl Into<String>) -> Label {
+        Label::secondary(self.file, self.span, text)
+    }
+}
+
+impl<'a> Checker<'a> {
+    fn new(registry: &'a Registry, options: &'a LoadOptions) -> Self {
+        Self {
+            registry,
+            options,
+            sources: SourceMap::new(),
+            diagnostics: Vec::new(),
+            scopes: Vec::new(),
+            nodes: Vec::new(),
+            used: std::collections::BTreeSet::new(),
+        }
+    }
+
+    fn check(mut self, path: &Path, text: String) -> Loaded {
+        let scope = self.read_main(path, text);
+        let graph = scope.and_then(|s| self.resolve_all(s));
+        self.unused_overrides();
+        self.finish(graph)
+    }
+
+    fn finish(mut self, graph: Option<Graph>) -> Loaded {
+        crate::diag::sort(&mut self.diagnostics);
+        let failed = self.diagnostics.iter().any(|d| d.severity == Severity::Error);
+        Loaded { sources: self.sources, diagnostics: self.diagnostics, graph: graph.filter(|_| !failed) }
+    }
+
+    fn error(&mut self, code: &'static str, at: At, message: impl Into<String>) -> &mut Diagnostic {
+        self.diagnostics.push(Diagnostic::error(code, message, at.label()));
+        let last = self.diagnostics.len() - 1;
+        &mut self.diagnostics[last]
+    }
+
+    fn push(&mut self, diagnostic: Diagnostic) {
+        self.diagnostics.push(diagnostic);
+    }
+
+    fn unused_overrides(&mut self) {
+        let given = self.options.overrides.iter().chain(&self.options.variables);
+        let unused: Vec<String> = given.map(|(k, _)| k.clone()).filter(|k| !self.used.contains(k)).collect();
+        for name in unused {
+            let is_override = self.options.overrides.iter().any(|(k, _)| *k == name);
+            let mut known: Vec<String> = Vec::new();
+            if is_override {
+                for node in &self.nodes {
+                    known.extend(node.ty.iter().flat_map(|t| t.schema.inputs.iter().map(|i| format!("{}.{}", node.name, i.name))));
+                }
+            } else {
+                known.extend(self.scopes.first().iter().flat_map(|s| s.params.keys().cloned()));
+            }
+            let what = if is_override { "expected an input as node.input" } else { "expected a parameter of the graph" };
+            let diagnostic = Diagnostic::new(Severity::Error, code::UNKNOWN_OVERRIDE, format!("{what}, found `{name}`"));
+            self.push(diagnostic.did_you_mean(&name, known.iter().map(String::as_str)));
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! Tests of the tree: round trip, errors, agreement with `ron`, and reading values.
+
+mod agreement;
+mod errors;
+mod shape;
+mod values;

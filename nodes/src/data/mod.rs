@@ -1,0 +1,13 @@
+//! The types that travel along wires: ordinary structs, each of which can be taken apart into named arrays.
+
+mod affine;
+mod image;
+mod matte;
+mod shape;
+mod weights;
+
+pub use affine::Affine2;
+pub use image::{Image, Window};
+pub use matte::Matte;
+pub use shape::{KeyShapes, Shape};
+pub use weights::Weights;
