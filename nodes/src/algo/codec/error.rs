@@ -44,11 +44,11 @@ pub enum CodecError {
         limit: u64,
     },
     /// The layer asked for is not in the file.
-    #[error("expected one of the layers {layers}, found `{name}`{suggestion}")]
+    #[error("expected {layers}, found the layer `{name}`{suggestion}")]
     NoLayer {
         /// What was asked for.
         name: String,
-        /// What there is.
+        /// What there is: "one of the layers a, b" or "no layer: the file has but one".
         layers: String,
         /// Empty, or "; did you mean `x`?".
         suggestion: String,
@@ -111,8 +111,15 @@ pub(super) fn describe_prefix(prefix: &[u8]) -> String {
     format!("a file that starts with the bytes {}", hex.join(" "))
 }
 
+/// The error for a layer `name` that is none of `names`.
+pub(super) fn no_layer(name: &str, names: &[String]) -> CodecError {
+    let layers =
+        if names.is_empty() { "no layer: the file has but one".to_string() } else { format!("one of the layers {}", names.join(", ")) };
+    CodecError::NoLayer { name: name.to_string(), layers, suggestion: did_you_mean(name, names) }
+}
+
 /// "; did you mean `x`?" for the nearest of `names` where it is near enough, else nothing.
-pub(super) fn did_you_mean(found: &str, names: &[String]) -> String {
+fn did_you_mean(found: &str, names: &[String]) -> String {
     let nearest = names.iter().map(|name| (edit_distance(found, name), name)).min();
     match nearest {
         Some((distance, name)) if distance <= 1 + found.chars().count() / 4 => format!("; did you mean `{name}`?"),

@@ -16,7 +16,7 @@ use exr::meta::header::{Header as PartHeader, ImageAttributes, LayerAttributes};
 use exr::meta::{BlockDescription, MetaData};
 use half::slice::HalfFloatSliceExt;
 
-use super::error::did_you_mean;
+use super::error::no_layer;
 use super::samples::to_floats;
 use super::threads::map_ordered;
 use super::{CodecError, Compression, DecodeOptions, Depth, EncodeOptions, Format, Header, Picture, check_size};
@@ -51,7 +51,7 @@ pub(super) fn probe(reader: impl BufRead + Seek, options: &DecodeOptions) -> Res
     let part = &reader.headers()[choice.part];
     check_readable(part, &choice, options)?;
     let (data_window, display_window) = windows(part);
-    let names = layers(reader.headers());
+    let names = listed(&layers(reader.headers()), reader.headers());
     Ok(Header {
         format: Format::Exr,
         width: part.layer_size.0,
@@ -64,7 +64,7 @@ pub(super) fn probe(reader: impl BufRead + Seek, options: &DecodeOptions) -> Res
         channels: choice.channels.into_iter().map(|(_, name)| name).collect(),
         data_window,
         display_window,
-        layers: if names.len() > 1 { layer_names(&names) } else { Vec::new() },
+        layers: names,
         notes: choice.notes,
     })
 }
@@ -91,7 +91,11 @@ fn unsupported(what: impl Into<String>, hint: &str) -> CodecError {
 
 fn failed(error: exr::error::Error) -> CodecError {
     match error {
-        exr::error::Error::NotSupported(what) => unsupported(what, "save it with another compression"),
+        exr::error::Error::NotSupported(what) if what.contains("deep") => deep(),
+        exr::error::Error::NotSupported(what) if what.contains("subsampling") => luminance_chroma(),
+        exr::error::Error::NotSupported(what) => {
+            unsupported(format!("a feature that is not read ({what})"), "save it with another compression")
+        }
         exr::error::Error::Io(error) => CodecError::Io(error),
         other => corrupt_text(other.to_string()),
     }
@@ -126,51 +130,60 @@ fn layers(parts: &[PartHeader]) -> Vec<Layer> {
             let (prefix, short) = name.rsplit_once('.').unwrap_or(("", &name));
             groups.entry(prefix.to_string()).or_default().push((index, short.to_string()));
         }
+        let alone = groups.len() == 1;
         for (prefix, mut channels) in groups {
             channels.sort_by_key(|(_, name)| (rank(name), name.clone()));
-            layers.push(Layer { part, names: names_of(header, parts.len() > 1, &prefix), channels });
+            let names = if parts.len() > 1 { names_in_part(header, &prefix, alone) } else { Vec::new() };
+            let prefix = (!prefix.is_empty()).then_some(prefix);
+            layers.push(Layer { part, names: names.into_iter().chain(prefix).collect(), channels });
         }
     }
     layers
 }
 
-fn names_of(header: &PartHeader, multipart: bool, prefix: &str) -> Vec<String> {
-    let mut names = Vec::new();
+/// A part's name stands for its main layer, or for its only one; so does its view.
+fn names_in_part(header: &PartHeader, prefix: &str, alone: bool) -> Vec<String> {
     let attributes = &header.own_attributes;
-    if multipart {
-        let join = |part: String| if prefix.is_empty() { part } else { format!("{part}.{prefix}") };
-        names.extend(attributes.layer_name.iter().chain(&attributes.view_name).map(|text| join(text.to_string())));
+    let mut names = Vec::new();
+    for text in attributes.layer_name.iter().chain(&attributes.view_name) {
+        if alone || prefix.is_empty() {
+            names.push(text.to_string());
+        }
+        if !prefix.is_empty() {
+            names.push(format!("{text}.{prefix}"));
+        }
     }
-    names.push(prefix.to_string());
-    names.dedup();
-    names.retain(|name| !name.is_empty());
     names
 }
 
 /// Colours come in their usual order, then everything else by name.
 fn rank(name: &str) -> usize {
-    ["R", "G", "B", "Y", "A"].iter().position(|n| *n == name).unwrap_or(5)
+    ["R", "G", "B", "Y", "A"].iter().position(|n| *n == name).unwrap_or(OTHER)
 }
 
-fn layer_names(layers: &[Layer]) -> Vec<String> {
-    layers.iter().filter_map(|layer| layer.names.first().cloned()).collect()
+const OTHER: usize = 5;
+
+/// What may be asked for beside the main colours: layers by their first name, and the single channels of a file of one part.
+fn listed(layers: &[Layer], parts: &[PartHeader]) -> Vec<String> {
+    let mut names: Vec<String> = layers.iter().filter_map(|layer| layer.names.first().cloned()).collect();
+    let main = layers.iter().filter(|layer| parts.len() == 1 && layer.names.is_empty());
+    names.extend(main.flat_map(|layer| &layer.channels).map(|(_, name)| name.clone()).filter(|name| rank(name) == OTHER));
+    names
 }
 
 fn choose(parts: &[PartHeader], options: &DecodeOptions) -> Result<Choice, CodecError> {
     let all = layers(parts);
     match options.layer.as_deref() {
-        None => choose_main(&all),
+        None => choose_main(&all, parts),
         Some("*") => choose_all(parts),
         Some(name) => choose_named(name, &all, parts),
     }
 }
 
 /// The first main layer with colours, else with luminance, else the first main layer, else the first layer of all.
-fn choose_main(all: &[Layer]) -> Result<Choice, CodecError> {
+fn choose_main(all: &[Layer], parts: &[PartHeader]) -> Result<Choice, CodecError> {
     let has = |layer: &Layer, wanted: &[&str]| wanted.iter().all(|w| layer.channels.iter().any(|(_, n)| n == w));
-    let prefix_free = |layer: &Layer, parts: usize| layer.names.is_empty() || parts > 1;
-    let parts = all.iter().map(|layer| layer.part + 1).max().unwrap_or(0);
-    let main = || all.iter().filter(|layer| prefix_free(layer, parts));
+    let main = || all.iter().filter(|layer| parts.len() > 1 || layer.names.is_empty());
     let layer = (main().find(|l| has(l, &["R", "G", "B"])))
         .or_else(|| main().find(|l| has(l, &["Y"])))
         .or_else(|| main().next())
@@ -178,19 +191,13 @@ fn choose_main(all: &[Layer]) -> Result<Choice, CodecError> {
         .or_else(|| all.first())
         .ok_or_else(|| corrupt_text("no channels"))?;
     let mut channels = layer.channels.clone();
-    let mut notes = Vec::new();
-    if has(layer, &["RY"]) || has(layer, &["BY"]) {
-        return Err(luminance_chroma());
-    }
     let colours: &[&str] = if has(layer, &["R", "G", "B"]) { &["R", "G", "B", "A"] } else { &["Y", "A"] };
-    if channels.iter().any(|(_, name)| colours[0] == name) {
+    if has(layer, &colours[..1]) {
         channels.retain(|(_, name)| colours.contains(&name.as_str()));
     }
-    if channels.len() < layer.channels.len() || all.len() > 1 {
-        let mut names = layer_names(all);
-        names.extend(layer.channels.iter().filter(|c| !channels.contains(c)).map(|(_, name)| name.clone()));
-        notes.push(format!("further layers or channels: {}", names.join(", ")));
-    }
+    let mut names = listed(all, parts);
+    names.retain(|name| layer.names.first() != Some(name) && channels.iter().all(|(_, channel)| channel != name));
+    let notes = if names.is_empty() { Vec::new() } else { vec![format!("further layers: {}", names.join(", "))] };
     Ok(Choice { part: layer.part, channels, notes })
 }
 
@@ -214,22 +221,21 @@ fn choose_named(name: &str, all: &[Layer], parts: &[PartHeader]) -> Result<Choic
             return Ok(Choice { part, channels: vec![(index, short.to_string())], notes: Vec::new() });
         }
     }
-    let mut names = layer_names(all);
-    if let Some(first) = parts.first() {
-        names.extend(first.channels.list.iter().map(|c| c.name.to_string()).filter(|n| !n.contains('.')));
-    }
-    names.sort();
-    names.dedup();
-    Err(CodecError::NoLayer { name: name.to_string(), suggestion: did_you_mean(name, &names), layers: names.join(", ") })
+    let names = listed(all, parts);
+    Err(no_layer(name, &names))
+}
+
+fn deep() -> CodecError {
+    unsupported("deep data", "flatten it first")
 }
 
 fn luminance_chroma() -> CodecError {
-    unsupported("luminance and chroma channels (Y, RY, BY)", "convert it to RGB, or ask for the layer `Y`")
+    unsupported("subsampled channels (luminance and chroma: Y, RY, BY)", "convert it to RGB first")
 }
 
 fn check_readable(part: &PartHeader, choice: &Choice, options: &DecodeOptions) -> Result<(), CodecError> {
     if part.deep {
-        return Err(unsupported("deep data", "flatten it, or ask for a flat layer"));
+        return Err(deep());
     }
     // A block interleaves the rows of all channels, so one subsampled channel is enough to make the others unreadable.
     if part.channels.list.iter().any(|c| c.sampling != Vec2(1, 1)) {

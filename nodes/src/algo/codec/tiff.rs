@@ -16,6 +16,7 @@ const NAME: &str = "tiff";
 
 pub(super) fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Picture, CodecError> {
     let (mut decoder, head) = open(Cursor::new(bytes), options)?;
+    check_complete(&mut decoder, bytes.len() as u64)?;
     let mut result = DecodingResult::U8(Vec::new());
     let layout = decoder.read_image_to_buffer(&mut result).map_err(failed)?;
     let samples = head.width * head.height * head.channels;
@@ -63,6 +64,18 @@ pub(super) fn probe(reader: impl BufRead + Seek, options: &DecodeOptions) -> Res
         layers: Vec::new(),
         notes: head.notes,
     })
+}
+
+/// Every strip or tile must lie within the file; the decoder itself would not miss the last bytes of a deflated one.
+fn check_complete<R: Read + Seek>(decoder: &mut Decoder<R>, len: u64) -> Result<(), CodecError> {
+    for (offsets, counts) in [(Tag::StripOffsets, Tag::StripByteCounts), (Tag::TileOffsets, Tag::TileByteCounts)] {
+        let offsets: Vec<u64> = decoder.find_tag_unsigned_vec(offsets).map_err(failed)?.unwrap_or_default();
+        let counts: Vec<u64> = decoder.find_tag_unsigned_vec(counts).map_err(failed)?.unwrap_or_default();
+        if offsets.iter().zip(&counts).any(|(at, count)| at.saturating_add(*count) > len) {
+            return Err(CodecError::Corrupt { format: NAME, what: "its end too early".into() });
+        }
+    }
+    Ok(())
 }
 
 struct Head {
