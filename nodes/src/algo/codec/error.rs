@@ -29,7 +29,7 @@ pub enum CodecError {
     },
     /// The header asks for more samples than permitted.
     #[error(
-        "expected at most {limit} samples, found a {format} of {width} x {height} pixels with {channels} channels; raise the limit if it is meant"
+        "expected at most {limit} samples in one {format} file, found {width} x {height} pixels of {channels} channels; raise the limit if it is meant"
     )]
     TooLarge {
         /// The format.

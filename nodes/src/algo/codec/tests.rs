@@ -236,12 +236,12 @@ fn ordered_dither_keeps_the_mean_and_leaves_codes_alone() {
 
 #[test]
 fn bytes_do_not_depend_on_threads() {
-    let p = picture(700, 500, 4);
+    let p = picture(290, 230, 4);
     for format in Format::ALL {
         for &depth in format.depths() {
             let mut p = p.clone();
             if format == Format::Jpeg {
-                p = picture(700, 500, 3);
+                p = picture(290, 230, 3);
             }
             let bytes = |threads| encode_to_vec(&p, &EncodeOptions { threads, ..options(format, depth) }).unwrap();
             let one = bytes(1);
@@ -413,15 +413,12 @@ fn real_cartoons_and_hostile_files_are_read_or_refused_clearly() {
 /// Figures of OpenEXR 3.5.3 (its Python module): the sum of the finite samples of a channel in f64, and samples at columns and rows of the data window.
 type Figures = (&'static str, Option<&'static str>, &'static str, f64, &'static [(usize, usize, f32)]);
 
-const OPENEXR_FIGURES: [Figures; 19] = [
+const OPENEXR_FIGURES: [Figures; 15] = [
     ("Beachball/singlepart.0001.exr", None, "R", 172_915.648_106_455_8, &[(400, 400, 0.0), (500, 700, 0.5)]),
     ("Beachball/singlepart.0001.exr", Some("forward.left"), "u", 24_873_460.906_25, &[(400, 400, 43.25), (500, 700, 42.28125)]),
-    ("Beachball/singlepart.0001.exr", Some("left"), "R", 172_672.188_618_481_16, &[(500, 700, 0.5)]),
-    ("Beachball/singlepart.0001.exr", Some("Z"), "Z", 5_602_764.101_562_5, &[(400, 400, 9.015_625), (500, 700, 9.25)]),
     ("Beachball/singlepart.0001.exr", Some("whitebarmask.left.mask"), "mask", 176_967.937_920_153_14, &[(500, 700, 0.991_699_2)]),
     ("Beachball/multipart.0001.exr", None, "R", 172_915.648_106_455_8, &[(400, 400, 0.0), (500, 700, 0.5)]),
     ("Chromaticities/Rec709.exr", None, "R", 90_460.470_310_211_18, &[(0, 0, 0.283_447_27), (300, 200, 1.385_742_2)]),
-    ("Tiles/GoldenGate.exr", None, "B", 304_026.863_325_119, &[(700, 500, 0.266_113_28), (1261, 859, 0.006_214_142)]),
     ("MultiResolution/ColorCodedLevels.exr", None, "R", 129_648.203_481_495_38, &[(0, 0, 0.218_627_93), (300, 200, 0.999_511_7)]),
     ("MultiResolution/OrientationLatLong.exr", None, "B", 502_087.210_339_307_8, &[(0, 0, 8.702_278e-6), (300, 200, 0.990_722_66)]),
     ("LuminanceChroma/Garden.exr", None, "Y", 143_961.451_538_085_94, &[(300, 200, 0.684_570_3), (873, 492, 0.078_491_21)]),
@@ -429,7 +426,6 @@ const OPENEXR_FIGURES: [Figures; 19] = [
     ("TestImages/AllHalfValues.exr", None, "R", 0.0, &[(200, 100, 1224.0), (255, 255, f32::NAN)]),
     ("TestImages/BrightRingsNanInf.exr", None, "G", 17_654_608.054_687_5, &[(0, 0, 0.5), (400, 400, 1.0)]),
     ("ScanLines/Carrots.exr", None, "G", 31_515.199_759_006_5, &[(0, 0, 0.135_375_98), (599, 399, 0.048_339_844)]),
-    ("ScanLines/Desk.exr", None, "G", 3_404_352.066_340_685, &[(300, 200, 5.914_062_5), (643, 873, -0.003_974_914_6)]),
     ("DisplayWindow/t05.exr", None, "G", 1102.0, &[(0, 0, 1.0), (399, 299, 1.0)]),
     ("MultiView/Fog.exr", None, "Y", 20_439.172_634_124_756, &[(300, 200, 0.021_850_586)]),
     ("MultiView/Fog.exr", Some("right"), "Y", 18_910.318_125_426_77, &[(300, 200, 0.005_496_978_8)]),
@@ -466,4 +462,108 @@ fn exr_parts_and_views_are_found_by_name() {
     assert_eq!((probed("forward_left").channels.join(" ").as_str(), probed("forward_left").data_window), ("u v", [688, 245, 1565, 1121]));
     assert_eq!(probed("rgba_left").data_window[0], 688);
     assert_eq!(probed("right").channels.join(" "), "R G B A");
+}
+
+/// A PNG put together by hand: header fields, then chunks, then the rows with their filter bytes.
+fn png_file(size: [u32; 2], depth: u8, color: u8, interlaced: bool, chunks: &[(&[u8; 4], &[u8])], rows: &[u8]) -> Vec<u8> {
+    let mut bytes = b"\x89PNG\r\n\x1a\n".to_vec();
+    let mut chunk = |name: &[u8; 4], data: &[u8]| {
+        let mut crc = flate2::Crc::new();
+        crc.update(name);
+        crc.update(data);
+        bytes.extend((data.len() as u32).to_be_bytes());
+        bytes.extend(name);
+        bytes.extend(data);
+        bytes.extend(crc.sum().to_be_bytes());
+    };
+    let mut header = [size[0].to_be_bytes(), size[1].to_be_bytes()].concat();
+    header.extend([depth, color, 0, 0, u8::from(interlaced)]);
+    chunk(b"IHDR", &header);
+    chunks.iter().for_each(|(name, data)| chunk(name, data));
+    let mut packed = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    packed.write_all(rows).unwrap();
+    chunk(b"IDAT", &packed.finish().unwrap());
+    chunk(b"IEND", &[]);
+    bytes
+}
+
+fn codes(bytes: &[u8]) -> (Vec<String>, Vec<u8>) {
+    let p = decode(bytes, &DecodeOptions { color: ColorMode::Data, ..Default::default() }).unwrap();
+    (p.channels, p.pixels.iter().map(|v| (v * 255.0).round() as u8).collect())
+}
+
+#[test]
+fn png_of_few_bits_palettes_and_key_colours_are_read() {
+    let (names, values) = codes(&png_file([9, 1], 1, 0, false, &[], &[0, 0b1010_0000, 0b1000_0000]));
+    assert_eq!((names.join(" ").as_str(), values), ("Y", vec![255, 0, 255, 0, 0, 0, 0, 0, 255]));
+    assert_eq!(codes(&png_file([3, 1], 2, 0, false, &[], &[0, 0b0001_1000])).1, [0, 85, 170]);
+    assert_eq!(codes(&png_file([2, 1], 4, 0, false, &[], &[0, 0x1f])).1, [17, 255]);
+    let palette: (&[u8; 4], &[u8]) = (b"PLTE", &[1, 2, 3, 40, 50, 60, 7, 8, 9]);
+    let (names, values) = codes(&png_file([3, 1], 2, 3, false, &[palette], &[0, 0b0001_1000]));
+    assert_eq!((names.join(" ").as_str(), values), ("R G B", vec![1, 2, 3, 40, 50, 60, 7, 8, 9]));
+    let (names, values) = codes(&png_file([2, 1], 8, 3, false, &[palette, (b"tRNS", &[255, 128])], &[0, 1, 2]));
+    assert_eq!((names.join(" ").as_str(), values), ("R G B A", vec![40, 50, 60, 128, 7, 8, 9, 255]));
+    let (names, values) = codes(&png_file([2, 1], 8, 0, false, &[(b"tRNS", &[0, 7])], &[0, 7, 8]));
+    assert_eq!((names.join(" ").as_str(), values), ("Y A", vec![7, 0, 8, 255]));
+    let (names, _) = codes(&png_file([1, 1], 16, 2, false, &[(b"tRNS", &[0, 1, 0, 2, 0, 3])], &[0, 0, 1, 0, 2, 0, 3]));
+    assert_eq!(names.join(" "), "R G B A");
+    assert!(decode(&png_file([2, 1], 8, 3, false, &[palette], &[0, 1, 9]), &DecodeOptions::default()).is_ok_and(|p| p.width == 2));
+}
+
+#[test]
+fn interlaced_png_is_read() {
+    // Adam7 (section 8.1): the passes' first columns and rows and their steps.
+    let passes = [(0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)];
+    let (w, h) = (11usize, 6usize);
+    let value = |x: usize, y: usize| (y * w + x) as u8;
+    let mut rows = Vec::new();
+    for (x0, y0, dx, dy) in passes {
+        for y in (y0..h).step_by(dy).filter(|_| x0 < w) {
+            rows.push(0);
+            rows.extend((x0..w).step_by(dx).map(|x| value(x, y)));
+        }
+    }
+    let read = codes(&png_file([w as u32, h as u32], 8, 0, true, &[], &rows)).1;
+    assert_eq!(read, (0..66).collect::<Vec<u8>>());
+}
+
+#[test]
+fn png_curves_are_read_from_their_chunks() {
+    let read = |chunks: &[(&[u8; 4], &[u8])]| decode(&png_file([1, 1], 8, 0, false, chunks, &[0, 128]), &DecodeOptions::default());
+    let light = |chunks: &[(&[u8; 4], &[u8])]| read(chunks).unwrap().pixels[0];
+    let (srgb, code) = (0.215_860_5, 128.0 / 255.0f64);
+    let gamma = |value: u32| value.to_be_bytes();
+    assert!((light(&[]) - srgb).abs() < 1e-6);
+    assert!((light(&[(b"gAMA", &gamma(45_455))]) - srgb).abs() < 1e-6);
+    assert!((f64::from(light(&[(b"gAMA", &gamma(100_000))])) - code).abs() < 1e-6);
+    assert!((f64::from(light(&[(b"gAMA", &gamma(55_556))])) - code.powf(1.8)).abs() < 1e-5);
+    assert!((light(&[(b"sRGB", &[0]), (b"gAMA", &gamma(100_000))]) - srgb).abs() < 1e-6);
+    assert!((f64::from(light(&[(b"cICP", &[1, 8, 0, 1])])) - code).abs() < 1e-6);
+    let error = read(&[(b"cICP", &[9, 16, 0, 1])]).unwrap_err().to_string();
+    assert!(error.starts_with("png with transfer characteristics 16 (video or high dynamic range codes) is not supported"));
+}
+
+#[test]
+fn headers_that_promise_too_much_are_refused_at_once() {
+    let limit = DecodeOptions::default();
+    let png = |w, h| png_file([w, h], 8, 6, false, &[], &[0]);
+    let error = |bytes: &[u8]| decode(bytes, &limit).unwrap_err().to_string();
+    let too_large =
+        "expected at most 1073741824 samples in one png file, found 100000 x 100000 pixels of 4 channels; raise the limit if it is meant";
+    assert_eq!(error(&png(100_000, 100_000)), too_large);
+    assert_eq!(probe(Cursor::new(&png(100_000, 100_000)), &limit).unwrap_err().to_string(), too_large);
+    assert!(error(&png(16_000, 16_000)).starts_with("expected a sound png file, found 6"));
+    let mut exr = encode_to_vec(&picture(2, 2, 3), &EncodeOptions::new(Format::Exr)).unwrap();
+    let at = exr.windows(11).position(|w| w == b"dataWindow\0").unwrap() + 11 + 6 + 4;
+    exr[at + 8..at + 16].copy_from_slice(&[0xff, 0xff, 1, 0, 0xff, 0xff, 1, 0]);
+    let found = error(&exr);
+    assert!(
+        found.starts_with("expected at most 1073741824 samples in one exr file, found 131072 x 131072 pixels")
+            || found.starts_with("expected a sound exr"),
+        "{found}"
+    );
+    let mut tiff = encode_to_vec(&picture(2, 2, 3), &EncodeOptions::new(Format::Tiff)).unwrap();
+    tiff[8 + 2 + 8..8 + 2 + 12].copy_from_slice(&200_000u32.to_le_bytes());
+    tiff[8 + 2 + 12 + 8..8 + 2 + 24].copy_from_slice(&200_000u32.to_le_bytes());
+    assert!(!error(&tiff).is_empty());
 }
