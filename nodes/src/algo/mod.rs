@@ -7,5 +7,6 @@ pub mod filter;
 pub mod merge;
 pub mod paint;
 pub mod raster;
+pub mod table;
 pub mod track_affine;
 pub mod warp_affine;

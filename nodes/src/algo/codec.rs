@@ -1,1 +1,0 @@
-//! Picture files to samples and back, as bytes.
