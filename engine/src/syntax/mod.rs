@@ -29,7 +29,7 @@ pub use crate::diag::Span;
 pub use escape::StrValue;
 pub use lexer::TokenKind;
 pub use tree::{EntryRef, FieldRef, NodeId, NodeKind, NodeRef, TokenRef, Tree};
-pub use value::{ValueError, parse_value, parse_value_with};
+pub use value::{ValueError, parse_slice, parse_value};
 
 use crate::diag::{Diagnostic, FileId, Label};
 

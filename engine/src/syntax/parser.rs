@@ -63,7 +63,6 @@ enum Items {
 /// A bracket that is open.
 #[derive(Clone, Copy)]
 struct Open {
-    opener: usize,
     closer: TokenKind,
     items: Items,
 }
@@ -484,7 +483,7 @@ impl Parser<'_> {
         }
         let opener = self.at;
         self.bump();
-        self.open.push(Open { opener, closer: TokenKind::RParen, items: Items::Values });
+        self.open.push(Open { closer: TokenKind::RParen, items: Items::Values });
         if self.is_at(TokenKind::RParen) {
             self.missing_value();
         } else {
@@ -592,7 +591,7 @@ impl Parser<'_> {
     fn items(&mut self, closer: TokenKind, items: Items) {
         let opener = self.at;
         self.bump();
-        self.open.push(Open { opener, closer, items });
+        self.open.push(Open { closer, items });
         while self.one_item(opener, closer, items) {}
         self.open.pop();
     }

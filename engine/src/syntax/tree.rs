@@ -357,7 +357,7 @@ impl<'t> NodeRef<'t> {
         (self.kind() == NodeKind::Bool).then(|| self.text() == "true")
     }
 
-    /// In words, what the node is, for messages: `string`, `number`, `list` and the like.
+    /// In words, what the node is, for messages: `string`, `integer`, `list` and the like.
     pub fn describe(self) -> &'static str {
         match self.kind() {
             NodeKind::Document => "document",
@@ -372,7 +372,8 @@ impl<'t> NodeRef<'t> {
             NodeKind::Entry => "entry",
             NodeKind::Some | NodeKind::None => "option",
             NodeKind::Bool => "boolean",
-            NodeKind::Number => "number",
+            NodeKind::Number if is_float_text(self.text()) => "float",
+            NodeKind::Number => "integer",
             NodeKind::Byte => "byte",
             NodeKind::Char => "character",
             NodeKind::String => "string",
@@ -433,6 +434,12 @@ impl<'t> NodeRef<'t> {
         });
         lines.collect::<Vec<_>>().join("\n").trim().to_owned()
     }
+}
+
+/// Whether the text of a number is that of a float rather than of an integer.
+fn is_float_text(text: &str) -> bool {
+    let digits = text.trim_start_matches(['+', '-']);
+    !digits.starts_with("0x") && digits.contains(['.', 'e', 'E', 'f', 'N'])
 }
 
 /// `name: value` in a struct.
