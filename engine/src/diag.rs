@@ -252,8 +252,9 @@ impl SourceMap {
     /// The byte offset of a position, clamped to the file and the line. O(length of the line).
     pub fn offset(&self, file: FileId, position: LineColumn) -> usize {
         let Some(file) = self.file(file) else { return 0 };
-        let Some(&start) = file.line_starts.get(position.line.saturating_sub(1)) else { return file.text.len() };
-        let end = file.line_starts.get(position.line).map_or(file.text.len(), |next| next - 1);
+        let index = position.line.saturating_sub(1);
+        let Some(&start) = file.line_starts.get(index) else { return file.text.len() };
+        let end = file.line_starts.get(index + 1).map_or(file.text.len(), |next| next - 1);
         let line = &file.text[start..end.max(start)];
         start + line.char_indices().nth(position.column.saturating_sub(1)).map_or(line.len(), |(at, _)| at)
     }
@@ -291,13 +292,26 @@ impl SourceMap {
         let expectation = diagnostic.expectation().unwrap_or_default();
         let text_of = |label: &Label| if label.primary && label.text.is_empty() { expectation.clone() } else { label.text.clone() };
         let snippet = |file: FileId| {
-            let annotations = labels.iter().filter(|label| label.file == file).map(|label| {
+            let (text, here): (&str, Vec<_>) = (self.text(file), labels.iter().filter(|label| label.file == file).collect());
+            let window = self.window(file, here.iter().map(|label| clamp(text, label.span)));
+            let annotations = here.into_iter().map(|label| {
                 let kind = if label.primary { AnnotationKind::Primary } else { AnnotationKind::Context };
-                kind.span(clamp(self.text(file), label.span).range()).label(text_of(label))
+                let span = clamp(text, label.span);
+                kind.span(span.start - window.start..span.end - window.start).label(text_of(label))
             });
-            Snippet::source(self.text(file)).path(self.name(file)).annotations(annotations.collect::<Vec<_>>())
+            let first_line = self.position(file, window.start).line;
+            let annotations = annotations.collect::<Vec<_>>();
+            Snippet::source(&text[window.range()]).line_start(first_line).path(self.name(file)).annotations(annotations)
         };
         files.into_iter().map(snippet).collect()
+    }
+
+    /// The whole lines from the first span to the last: the renderer takes time for every line that it is given.
+    fn window(&self, file: FileId, spans: impl Iterator<Item = Span>) -> Span {
+        let Some(text) = self.file(file).map(|file| &file.text) else { return Span::default() };
+        let all = spans.reduce(|all, span| Span::new(all.start.min(span.start), all.end.max(span.end))).unwrap_or_default();
+        let start = text[..all.start].rfind('\n').map_or(0, |at| at + 1);
+        Span::new(start, text[all.end..].find('\n').map_or(text.len(), |at| all.end + at))
     }
 
     /// All diagnostics as text, a blank line between.
@@ -463,3 +477,6 @@ fn floor_boundary(text: &str, offset: usize) -> usize {
 fn clamp(text: &str, span: Span) -> Span {
     Span::new(floor_boundary(text, span.start), floor_boundary(text, span.end))
 }
+
+#[cfg(test)]
+mod tests;

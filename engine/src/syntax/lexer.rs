@@ -83,17 +83,27 @@ pub(super) struct Token {
     pub(super) start: u32,
 }
 
+/// The tokens of a text, and what is wrong with them.
+pub(super) struct Lexed {
+    pub(super) tokens: Vec<Token>,
+    pub(super) errors: Vec<SyntaxError>,
+    /// Where a string without an end starts.
+    pub(super) unterminated: Option<usize>,
+    /// The first plain string over several lines.
+    pub(super) first_long_string: Option<usize>,
+}
+
 /// Cuts `text`, which is shorter than 4 GiB, into tokens. O(n).
-pub(super) fn lex(text: &str) -> (Vec<Token>, Vec<SyntaxError>) {
-    let mut lexer = Lexer::new(text, usize::MAX);
+pub(super) fn lex(text: &str) -> Lexed {
+    lex_short(text, usize::MAX)
+}
+
+/// As [`lex`], but a string that starts at `short_strings_from` or later ends with its line, as when its closing quote is missing.
+pub(super) fn lex_short(text: &str, short_strings_from: usize) -> Lexed {
+    let mut lexer = Lexer::new(text, short_strings_from);
     lexer.run();
-    // A quote that was left out makes every later string start where one should end, and the last one has no end. The culprit is
-    // most likely the first string that runs over a line's end, so that strings are kept within their lines from there on.
-    if let (Some(_), Some(first)) = (lexer.unterminated, lexer.first_long_string) {
-        lexer = Lexer::new(text, first);
-        lexer.run();
-    }
-    (lexer.tokens, lexer.errors)
+    let Lexer { tokens, errors, unterminated, first_long_string, .. } = lexer;
+    Lexed { tokens, errors, unterminated, first_long_string }
 }
 
 struct Lexer<'t> {

@@ -4,7 +4,7 @@
 //! gives one error. Nesting is bounded by the same count that `ron` keeps.
 
 use super::code;
-use super::lexer::{Token, TokenKind, lex};
+use super::lexer::{Lexed, Token, TokenKind, lex, lex_short};
 use super::number::is_float_word;
 use super::tree::{NodeData, NodeKind};
 use super::{Extensions, SyntaxError};
@@ -29,18 +29,54 @@ pub(super) fn parse(text: &str) -> Parsed {
     if text.len() > MAX_SOURCE_BYTES {
         return refuse_large();
     }
-    let (tokens, mut errors) = lex(text);
-    let mut parser = Parser::new(text, &tokens, false);
-    parser.document();
-    if parser.end_reported {
-        parser = Parser::new(text, &tokens, true);
-        parser.document();
+    let lexed = lex(text);
+    // A quote that was left out makes every later string start where one should end, until the last one has no end. The culprit is
+    // either that last one or the first that runs over a line's end: whichever leaves fewer errors when it ends with its line.
+    let suspects = lexed.unterminated.map(|last| [Some(last), lexed.first_long_string]);
+    let readings = suspects.into_iter().flatten().flatten().map(|from| read_tokens(text, lex_short(text, from)));
+    match readings.min_by_key(|reading| reading.errors.len()) {
+        Some(reading) => reading,
+        None => read_tokens(text, lexed),
     }
-    let Parser { nodes, extensions, errors: parse_errors, .. } = parser;
+}
+
+/// Builds the tree of a text's tokens.
+fn read_tokens(text: &str, lexed: Lexed) -> Parsed {
+    let Lexed { tokens, mut errors, .. } = lexed;
+    let mut best = Parser::read(text, &tokens, Guess::default());
+    // A sound text has one reading. In one with errors, which bracket is missing or too many is a guess, and the guess that explains
+    // the text with the fewest errors is the best. Among equals the layout is to be trusted.
+    if !best.errors.is_empty() {
+        for (guess, wins_ties) in GUESSES {
+            let other = Parser::read(text, &tokens, guess);
+            if other.errors.len() < best.errors.len() + usize::from(wins_ties) {
+                best = other;
+            }
+        }
+    }
+    let Parser { nodes, extensions, errors: mut parse_errors, .. } = best;
+    // What the lexer says about a place is the cause of what the parser says about it.
+    parse_errors.retain(|parse_error| errors.binary_search_by_key(&parse_error.span.start, |error| error.span.start).is_err());
     errors.extend(parse_errors);
     errors.sort_by_key(|error| (error.span.start, error.span.end));
     Parsed { tokens, nodes, errors, extensions }
 }
+
+/// How to read a text whose brackets do not match.
+#[derive(Clone, Copy, Default)]
+struct Guess {
+    /// Indentation and the shape of items tell where a closing bracket is missing.
+    by_layout: bool,
+    /// A closing bracket that does not match is one too many, rather than the sign of one that is missing.
+    too_many: bool,
+}
+
+/// The guesses besides the plain one, and whether they are preferred among equals.
+const GUESSES: [(Guess, bool); 3] = [
+    (Guess { by_layout: true, too_many: false }, true),
+    (Guess { by_layout: false, too_many: true }, false),
+    (Guess { by_layout: true, too_many: true }, false),
+];
 
 fn refuse_large() -> Parsed {
     let error = SyntaxError::new(code::TOO_LARGE, Span::new(0, 0), "the source is too large for a graph file");
@@ -82,8 +118,7 @@ struct Parser<'t> {
     extensions: Extensions,
     /// The end of the text came too early and was reported; once is enough.
     end_reported: bool,
-    /// A reading before this one ended within brackets, so that somewhere a closing bracket is missing.
-    lacks_bracket: bool,
+    guess: Guess,
     /// The token before which a missing bracket was last reported; the comma before it went with the bracket.
     unclosed_before: Option<usize>,
 }
@@ -95,7 +130,13 @@ fn to_u32(index: usize) -> u32 {
 
 /// Looking at tokens, and consuming them.
 impl<'t> Parser<'t> {
-    fn new(text: &'t str, tokens: &'t [Token], lacks_bracket: bool) -> Self {
+    fn read(text: &'t str, tokens: &'t [Token], guess: Guess) -> Self {
+        let mut parser = Self::new(text, tokens, guess);
+        parser.document();
+        parser
+    }
+
+    fn new(text: &'t str, tokens: &'t [Token], guess: Guess) -> Self {
         let mut parser = Self {
             text,
             tokens,
@@ -108,7 +149,7 @@ impl<'t> Parser<'t> {
             errors: Vec::new(),
             extensions: Extensions::empty(),
             end_reported: false,
-            lacks_bracket,
+            guess,
             unclosed_before: None,
         };
         parser.at = parser.skip_trivia(0);
@@ -563,13 +604,18 @@ impl Parser<'_> {
 
     /// What the parentheses that open here hold: fields, when a name and a colon come first.
     fn items_in_parens(&self) -> Items {
-        let first = self.next_index();
+        let mut first = self.next_index();
+        while self.kind_at(first) == Some(TokenKind::Comma) {
+            first = self.skip_trivia(first + 1);
+        }
         let second = self.skip_trivia(first + 1);
         let is_name = matches!(self.kind_at(first), Some(TokenKind::Ident | TokenKind::RawIdent));
         match self.kind_at(second) {
             Some(TokenKind::Colon) if is_name || self.kind_at(first) == Some(TokenKind::String) => Items::Fields,
-            // A name right before a value is a field that lacks its colon; it can be nothing else.
-            Some(TokenKind::String | TokenKind::Number | TokenKind::LBracket | TokenKind::LBrace) if is_name => Items::Fields,
+            // A name right before a value or `=` is a field that lacks its colon; it can be nothing else.
+            Some(TokenKind::Eq | TokenKind::String | TokenKind::Number | TokenKind::LBracket | TokenKind::LBrace) if is_name => {
+                Items::Fields
+            }
             _ => Items::Values,
         }
     }
@@ -599,28 +645,16 @@ impl Parser<'_> {
     /// One step of [`items`](Self::items): an item with its comma, an error, or the end (`false`).
     fn one_item(&mut self, opener: usize, closer: TokenKind, items: Items) -> bool {
         match self.kind() {
-            Some(kind) if kind == closer => {
-                self.bump();
-                return false;
-            }
             None => {
                 self.unclosed(opener, closer);
                 return false;
             }
-            Some(kind) if Self::is_closer(kind) => {
-                let belongs_outside = self.open.iter().any(|open| open.closer == kind);
-                if belongs_outside {
-                    self.unclosed(opener, closer);
-                    return false;
-                }
-                self.stray_bracket(opener, closer);
-                return true;
-            }
+            Some(kind) if Self::is_closer(kind) => return self.closing_bracket(opener, closer, kind),
             Some(TokenKind::Comma) => {
                 self.stray_comma(items);
                 return true;
             }
-            Some(_) if self.belongs_to_outer(items) => {
+            Some(_) if self.belongs_to_outer(items) || self.is_outdented(opener, 0) => {
                 self.unclosed(opener, closer);
                 return false;
             }
@@ -631,8 +665,37 @@ impl Parser<'_> {
         if self.at == before {
             self.unexpected(items);
         }
-        self.comma(closer, items);
+        self.comma(opener, items);
         true
+    }
+
+    /// A closing bracket, this one or another; whether the items go on behind it.
+    fn closing_bracket(&mut self, opener: usize, closer: TokenKind, found: TokenKind) -> bool {
+        let belongs_outside = self.open.iter().rev().skip(1).any(|open| open.closer == found);
+        if found == closer && !(belongs_outside && self.is_outdented(opener, 1)) {
+            self.bump();
+            return false;
+        }
+        if belongs_outside && (found == closer || !self.guess.too_many) {
+            self.unclosed(opener, closer);
+            return false;
+        }
+        self.stray_bracket(opener, closer);
+        self.eat(TokenKind::Comma);
+        true
+    }
+
+    /// Whether the current token begins a line that is indented less than `less` columns more than the line with the bracket, which
+    /// must then have been closed before, if the layout is to be trusted.
+    fn is_outdented(&self, opener: usize, less: usize) -> bool {
+        if !self.guess.by_layout || !self.starts_line() {
+            return false;
+        }
+        let line_start = |at: usize| self.text[..at].rfind('\n').map_or(0, |end| end + 1);
+        let (current, open) = (self.token_span(self.at).start, self.token_span(opener).start);
+        let open_line = &self.text[line_start(open)..open];
+        let indent = open_line.len() - open_line.trim_start_matches([' ', '\t']).len();
+        current - line_start(current) + less <= indent
     }
 
     fn item(&mut self, items: Items) {
@@ -643,12 +706,12 @@ impl Parser<'_> {
         }
     }
 
-    fn comma(&mut self, closer: TokenKind, items: Items) {
+    fn comma(&mut self, opener: usize, items: Items) {
         if self.eat(TokenKind::Comma) {
             return;
         }
         let Some(kind) = self.kind() else { return };
-        if kind == closer || Self::is_closer(kind) || kind == TokenKind::Unknown || self.belongs_to_outer(items) {
+        if Self::is_closer(kind) || kind == TokenKind::Unknown || self.belongs_to_outer(items) || self.is_outdented(opener, 0) {
             return;
         }
         if self.unclosed_before == Some(self.at) && self.next_kind() == Some(TokenKind::Colon) {
@@ -666,14 +729,12 @@ impl Parser<'_> {
     /// `"key":` in a struct within a map, `name:` in a map within a struct, either of them in a list.
     fn belongs_to_outer(&self, items: Items) -> bool {
         let Some(outer) = self.open.len().checked_sub(2).and_then(|index| self.open.get(index)) else { return false };
-        if self.next_kind() != Some(TokenKind::Colon) || !self.starts_line() {
+        if self.next_kind() != Some(TokenKind::Colon) || !(self.starts_line() || self.guess.by_layout) {
             return false;
         }
         match (self.kind(), items, outer.items) {
             (Some(TokenKind::String), Items::Fields | Items::Values, Items::Entries) => true,
             (Some(TokenKind::Ident | TokenKind::RawIdent), Items::Values, Items::Fields) => true,
-            // A bare name may be a key, so that this is a sign only where a bracket is known to be missing.
-            (Some(TokenKind::Ident), Items::Entries, Items::Fields) => self.lacks_bracket,
             _ => false,
         }
     }
@@ -694,6 +755,9 @@ impl Parser<'_> {
             let mut error = SyntaxError::new(code::UNEXPECTED_TOKEN, self.token_span(self.at), "unexpected text");
             if self.is_at(TokenKind::Colon) && items == Items::Values {
                 error = error.help("either all items have names, as in `(a: 1, b: 2)`, or none; a list `[...]` has none");
+            }
+            if self.is_at(TokenKind::Hash) {
+                error = error.help("a comment is written `// ...` or `/* ... */`");
             }
             self.error(error.expected(what).found(self.found()));
         }

@@ -87,7 +87,11 @@ fn culprit<'t>(whole: NodeRef<'t>, reached: usize, error: &RonError) -> NodeRef<
         // It had read the value, or a part of it. Of values within each other the last listed is the smallest.
         _ => values().filter(|node| node.span().start < reached && reached <= node.span().end).last(),
     };
-    found.unwrap_or(whole)
+    let found = found.unwrap_or(whole);
+    // A reading that stops behind the first end of a range wanted no range.
+    let stopped_early = matches!(error, RonError::TrailingCharacters | RonError::ExpectedComma | RonError::ExpectedStructLikeEnd);
+    let range = found.parent().filter(|parent| stopped_early && parent.kind() == NodeKind::Range);
+    range.unwrap_or(found)
 }
 
 /// Where the name of the field stands that the error is about.
