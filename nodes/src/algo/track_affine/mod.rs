@@ -27,8 +27,9 @@ mod start;
 #[cfg(test)]
 mod tests;
 
-use crate::algo::raster::{Affine, Raster, identity};
+use crate::algo::raster::{Affine, Raster, compose, identity};
 use level::{Fit, Level, Scratch};
+use nalgebra::{Matrix2, Vector2};
 use planes::{Key, Planes, Window, crop, gaussian_taps, pyramid, smoothed, unit};
 use solve::{distance, increment, is_sane, project, solve, update};
 use start::{Moments, carrying, extrapolate, moments, moved_bounds, shifted};
@@ -86,7 +87,7 @@ pub enum Guess {
 pub enum Search {
     /// Not at all: for small motions.
     None,
-    /// A third of the region's size; three times as far where nothing fits.
+    /// Only where the guesses do not fit: a third of the region's size, then three times as far, then turned and scaled too.
     #[default]
     Auto,
     /// This many pixels each way, 0 or more.
@@ -302,6 +303,10 @@ const LEAST_OVERLAP: f64 = 0.2;
 const TURNS: usize = 36;
 /// Starts that are refined at the coarsest level.
 const REFINED: usize = 3;
+/// Cost at the coarsest level under which a guess is taken without a search.
+const FITS: f64 = 0.12;
+/// Dissimilarity under which nothing else is tried.
+const GOOD_ENOUGH: f64 = 0.5;
 /// Condition number beyond which a direction counts as unseen.
 const UNSEEN: f64 = 1e6;
 
@@ -446,21 +451,60 @@ impl Template {
         if frame.channels != self.channels {
             return Err(TrackError::Channels { expected: self.channels, found: frame.channels });
         }
+        let view = View { frame, matte: matte.filter(|_| !self.keyed.is_empty()) };
         let guesses = self.guesses(frame, matte, start);
-        let size = libm::sqrt((self.bounds[2] - self.bounds[0]) * (self.bounds[3] - self.bounds[1]));
-        let radius = match self.options.search {
-            Search::None => 0.0,
-            Search::Auto => (0.35 * size).max(8.0),
-            Search::Radius(r) => r,
-            Search::Whole => f64::INFINITY,
-        };
-        let first = self.attempt(frame, matte, &guesses, radius);
-        let lost = matches!(first.status, Status::Unlike | Status::OffFrame);
-        if self.options.search != Search::Auto || !lost {
-            return Ok(first);
+        let mut best: Option<Track> = None;
+        for attempt in self.attempts(&view) {
+            let widened = if attempt.turned { self.turned(&guesses[0]) } else { Vec::new() };
+            let view = View { matte: view.matte.filter(|_| attempt.keyed), ..view };
+            let track = self.attempt(&view, if attempt.turned { &widened } else { &guesses }, &attempt);
+            let fits = track.dissimilarity <= GOOD_ENOUGH.min(self.options.max_dissimilarity);
+            if best.is_none_or(|b| track.dissimilarity < b.dissimilarity) {
+                best = Some(track);
+            }
+            if fits {
+                break;
+            }
         }
-        let second = self.attempt(frame, matte, &guesses, 3.0 * radius);
-        Ok(if second.dissimilarity < first.dissimilarity { second } else { first })
+        Ok(best.unwrap_or_else(|| failed(guesses[0], Status::OffFrame)))
+    }
+
+    /// What is tried in turn until something fits: the guesses as they are, a search, then a wider one, turned and scaled or without the key.
+    fn attempts(&self, view: &View) -> Vec<Attempt> {
+        let keyed = view.matte.is_some();
+        let only = |radius| vec![Attempt { radius, keyed, turned: false, bail: false }];
+        if self.options.search != Search::Auto {
+            return match self.options.search {
+                Search::Radius(r) => only(r),
+                Search::Whole => only(f64::INFINITY),
+                _ => only(0.0),
+            };
+        }
+        let size = libm::sqrt((self.bounds[2] - self.bounds[0]) * (self.bounds[3] - self.bounds[1]));
+        let radius = (0.35 * size).max(8.0);
+        let mut all = vec![
+            Attempt { radius: 0.0, keyed, turned: false, bail: true },
+            Attempt { radius, keyed, turned: false, bail: false },
+            Attempt { radius: 3.0 * radius, keyed, turned: false, bail: false },
+        ];
+        let turned = Attempt { radius, keyed, turned: true, bail: false };
+        all.extend((self.options.model != Model::Translation).then_some(turned));
+        all.extend(keyed.then_some(Attempt { radius, keyed: false, turned: false, bail: false }));
+        all
+    }
+
+    /// A guess turned and scaled about the region's centre.
+    fn turned(&self, guess: &Affine) -> Vec<Affine> {
+        let mut out = Vec::new();
+        for angle in [0.0, -0.21, 0.21, -0.42, 0.42] {
+            for size in if self.options.model == Model::Rigid { [1.0].as_slice() } else { &[1.0, 0.84, 1.19] } {
+                let (s, c) = libm::sincos(angle);
+                let linear = Matrix2::new(c, -s, s, c) * *size;
+                let t = Vector2::from(self.centre) - linear * Vector2::from(self.centre);
+                out.push(compose(guess, &Affine::from_columns(&[linear.column(0).into(), linear.column(1).into(), t])));
+            }
+        }
+        out
     }
 
     /// The first guesses, best informed first; never empty.
@@ -486,33 +530,43 @@ impl Template {
         out.iter().map(|m| project(m, self.options.model, self.centre)).collect()
     }
 
-    fn attempt(&self, frame: Raster, matte: Option<&[f32]>, guesses: &[Affine], radius: f64) -> Track {
-        let first = guesses.first().copied().unwrap_or_else(identity);
-        let (levels, key) = match matte.filter(|_| !self.keyed.is_empty()) {
-            Some(matte) => (&self.keyed, Some(Key { matte, behind: &self.behind, amplitude: self.amplitude })),
-            None => (&self.plain, None),
+    fn attempt(&self, view: &View, guesses: &[Affine], how: &Attempt) -> Track {
+        let levels = if view.matte.is_some() { &self.keyed } else { &self.plain };
+        let mut run = Run {
+            template: self,
+            view: *view,
+            levels,
+            size: [view.frame.width, view.frame.height],
+            scratch: Scratch::default(),
+            iterations: 0,
         };
-        let mut run = Run { template: self, levels, size: [frame.width, frame.height], scratch: Scratch::default(), iterations: 0 };
-        let block = 1i64 << (levels.len() - 1);
-        let margin = (4.0 + 3.0 * self.options.sigma) * block as f64 + radius.min(1e9);
-        let around = guesses
-            .iter()
-            .map(|m| moved_bounds(m, self.bounds))
-            .reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]);
-        let window = around.and_then(|b| window_of(b, margin).aligned(block, frame.width, frame.height));
-        let Some(window) = window else { return failed(first, Status::OffFrame) };
-        if !has_finite(frame, window) {
-            return failed(first, Status::NotFinite);
-        }
-        let fine = crop(frame, &self.used, window, self.options.tone, key.as_ref());
-        let all = pyramid(fine, levels.len());
-        run.descend(&all, guesses, radius)
+        run.descend(guesses, how)
     }
+}
+
+/// What is looked at: a frame, and its matte where the frame is keyed.
+#[derive(Clone, Copy)]
+struct View<'a> {
+    frame: Raster<'a>,
+    matte: Option<&'a [f32]>,
+}
+
+/// One way to look for the region.
+struct Attempt {
+    /// How far the grid of shifts reaches, in pixels.
+    radius: f64,
+    /// With the key, where there is one.
+    keyed: bool,
+    /// From turned and scaled copies of the first guess.
+    turned: bool,
+    /// Give up after the coarsest level where nothing fits well.
+    bail: bool,
 }
 
 /// One attempt at one frame.
 struct Run<'a> {
     template: &'a Template,
+    view: View<'a>,
     levels: &'a [Level],
     size: [usize; 2],
     scratch: Scratch,
@@ -529,19 +583,50 @@ struct Refined {
 }
 
 impl Run<'_> {
+    /// The pyramid of the frame over the guesses' boxes, grown by `margin` pixels; `None` where they are all off the frame.
+    fn planes(&self, guesses: &[Affine], margin: f64) -> Option<(Window, Vec<Planes>)> {
+        let template = self.template;
+        let block = 1i64 << (self.levels.len() - 1);
+        let around = guesses
+            .iter()
+            .map(|m| moved_bounds(m, template.bounds))
+            .reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])?;
+        let window = window_of(around, margin.min(1e9)).aligned(block, self.size[0], self.size[1])?;
+        let key = self.view.matte.map(|matte| Key { matte, behind: &template.behind, amplitude: template.amplitude });
+        let fine = crop(self.view.frame, &template.used, window, template.options.tone, key.as_ref());
+        Some((window, pyramid(fine, self.levels.len())))
+    }
+
     /// From the coarsest level to the finest.
-    fn descend(&mut self, all: &[Planes], guesses: &[Affine], radius: f64) -> Track {
+    fn descend(&mut self, guesses: &[Affine], how: &Attempt) -> Track {
         let options = &self.template.options;
         let (taps, _) = gaussian_taps(options.sigma);
         let top = self.levels.len() - 1;
+        let coarsest = self.levels[top].step;
+        let first = guesses[0];
+        let margin = (2.0 + 2.0 * options.sigma) * coarsest;
+        let Some((window, mut all)) = self.planes(guesses, margin + how.radius) else { return failed(first, Status::OffFrame) };
+        if !has_finite(self.view.frame, window) {
+            return failed(first, Status::NotFinite);
+        }
         let whole = Window { x0: i64::MIN / 4, y0: i64::MIN / 4, x1: i64::MAX / 4, y1: i64::MAX / 4 };
         let coarse = smoothed(&all[top], whole, &taps);
-        let first = guesses[0];
-        let mut at = self.choose(&coarse, guesses, radius, top == 0);
+        let (cost, mut at) = self.choose(&coarse, guesses, how.radius, top == 0);
+        if how.bail && cost > FITS {
+            return Track { iterations: self.iterations, ..failed(first, Status::Unlike) };
+        }
+        // The iterations may have left the crop: the finer levels need all of the region.
+        let needed = window_of(moved_bounds(&at.motion, self.template.bounds), 0.5 * coarsest);
+        if !window.covers(&needed, self.size) {
+            match self.planes(&[at.motion], margin) {
+                Some((_, found)) => all = found,
+                None => return failed(first, Status::OffFrame),
+            }
+        }
         for l in (0..top).rev() {
             let step = self.levels[l].step;
-            let window = window_of(moved_bounds(&at.motion, self.template.bounds), 6.0 * step);
-            let frame = smoothed(&all[l], window, &taps);
+            let part = window_of(moved_bounds(&at.motion, self.template.bounds), 6.0 * step);
+            let frame = smoothed(&all[l], part, &taps);
             at = self.refine(l, &frame, at.motion);
             if matches!(at.status, Status::Textureless | Status::OffFrame) {
                 break;
@@ -580,7 +665,7 @@ impl Run<'_> {
     }
 
     /// Compares all starts at the coarsest level, refines the best few, and keeps the one that fits best.
-    fn choose(&mut self, frame: &Planes, guesses: &[Affine], radius: f64, finest: bool) -> Refined {
+    fn choose(&mut self, frame: &Planes, guesses: &[Affine], radius: f64, finest: bool) -> (f64, Refined) {
         let mut starts: Vec<(f64, Affine)> = guesses.iter().map(|m| (self.cost(frame, m), *m)).collect();
         let around = starts.iter().min_by(|a, b| a.0.total_cmp(&b.0)).map_or(guesses[0], |s| s.1);
         for (dx, dy) in self.grid(frame, &around, radius) {
@@ -605,14 +690,15 @@ impl Run<'_> {
                 best = Some((cost, refined, self.iterations));
             }
         }
-        let Some((_, refined, iterations)) = best else {
-            return Refined { motion: guesses[0], status: Status::OffFrame, fit: Fit::default(), condition: f64::NAN };
+        let Some((cost, refined, iterations)) = best else {
+            let none = Refined { motion: guesses[0], status: Status::OffFrame, fit: Fit::default(), condition: f64::NAN };
+            return (1.0, none);
         };
         self.iterations = iterations;
         if finest {
             self.cost(frame, &refined.motion);
         }
-        refined
+        (cost, refined)
     }
 
     /// Shifts, in whole samples of the coarsest level, that keep the region's centre within `radius` and on the crop.

@@ -40,6 +40,12 @@ impl Window {
         };
         (w.x1 > w.x0 && w.y1 > w.y0).then_some(w)
     }
+
+    /// True where `inner` lies within this window, but for what is off the picture of `size` pixels.
+    pub(super) fn covers(&self, inner: &Window, size: [usize; 2]) -> bool {
+        let [w, h] = size.map(|n| n as i64);
+        inner.x0.max(0) >= self.x0 && inner.y0.max(0) >= self.y0 && inner.x1.min(w) <= self.x1 && inner.y1.min(h) <= self.y1
+    }
 }
 
 /// How the background of a picture is replaced where a matte is known.

@@ -116,7 +116,8 @@ fn models_recover_their_own_motions_exactly() {
             let t = texture_track(motion, &Options { model: *model, tone: Tone::Linear, ..Options::default() });
             let error = texture_error(&t.motion, motion);
             assert!(error < 0.03, "motion {i} by {model:?}: {error} px, {t:?}");
-            assert_eq!(t.motion, project(&t.motion, *model, [80.0, 70.0]), "{model:?} left its own set");
+            let own = project(&t.motion, *model, [80.0, 70.0]);
+            assert!(texture_error(&t.motion, &own) < 1e-9, "{model:?} left its own set");
         }
     }
 }
