@@ -310,6 +310,48 @@ fn bounds_of(frame: &Planes, size: [usize; 2]) -> [f32; 4] {
     [low(0), low(1), high(0, frame.width), high(1, frame.height)]
 }
 
+/// Pixels of a row that are sampled together: enough that what is gathered has left the store buffer before it is read as vectors.
+const BLOCK: usize = 64;
+
+/// Where the pixels of a block fall in the frame: index of the upper left of four samples, and the shares of the right and lower ones.
+struct Places {
+    index: [u32; BLOCK],
+    fx: [f32; BLOCK],
+    fy: [f32; BLOCK],
+}
+
+/// 2^23: a float of this size has no fraction bits, so adding it rounds and leaves the integer in the mantissa.
+const ROUNDER: f32 = 8_388_608.0;
+
+/// The whole part of `x` (rounded down, or exactly one less at whole numbers), at most `last`; `x` must not be negative.
+#[inline(always)]
+fn whole(x: f32, last: u32) -> u32 {
+    (((x - 0.5).max(0.0) + ROUNDER).to_bits() & 0x7f_ffff).min(last)
+}
+
+/// Fills `places` and `valid` for `n` pixels from number `first` on.
+#[inline(always)]
+fn place(line: &Line, first: usize, weight: &[f32], valid: &mut [f32], size: [usize; 2], places: &mut Places) {
+    // The frame is at least 2x2, so both are at least 0; the mask keeps every index below 2^23 each way.
+    let (last_x, last_y) = ((size[0] - 2) as u32, (size[1] - 2) as u32);
+    let (edge_x, edge_y) = ((size[0] - 1) as f32, (size[1] - 1) as f32);
+    let [lo_x, lo_y, hi_x, hi_y] = line.bounds;
+    let stride = size[0] as u32;
+    for k in 0..weight.len().min(valid.len()).min(BLOCK) {
+        let i = (first + k) as f32;
+        let (u, v) = (line.start[0] + i * line.slope[0], line.start[1] + i * line.slope[1]);
+        let ok = (u >= lo_x) & (u <= hi_x) & (v >= lo_y) & (v <= hi_y);
+        valid[k] = if ok { weight[k] } else { 0.0 };
+        // Clamped in this order, a coordinate that is not a number becomes zero.
+        let (u, v) = (u.max(0.0).min(edge_x), v.max(0.0).min(edge_y));
+        let (iu, iv) = (whole(u, last_x), whole(v, last_y));
+        places.fx[k] = u - iu as i32 as f32;
+        places.fy[k] = v - iv as i32 as f32;
+        places.index[k] = iv.wrapping_mul(stride).wrapping_add(iu);
+    }
+}
+
+/// Samples one row of the template in the frame; returns the weight that lies inside.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 fn sample_row(
     line: &Line,
@@ -319,43 +361,32 @@ fn sample_row(
     range: std::ops::Range<usize>,
     scratch: &mut Scratch,
 ) -> f32 {
-    let (w, h) = (frame.width, frame.height);
-    // The caller has checked that the frame is at least 2x2, so both are at least 0.
-    let (last_x, last_y) = ((w - 2) as i32, (h - 2) as i32);
-    let (edge_x, edge_y) = ((w - 1) as f32, (h - 1) as f32);
-    let [lo_x, lo_y, hi_x, hi_y] = line.bounds;
+    let w = frame.width;
+    let mut places = Places { index: [0; BLOCK], fx: [0.0; BLOCK], fy: [0.0; BLOCK] };
     let mut inside = [0.0f32; LANES];
-    for (chunk, weight) in weight.chunks_exact(LANES).enumerate() {
-        let at = range.start + chunk * LANES;
-        let valid = &mut scratch.valid[at..at + LANES];
-        let (mut index, mut fx, mut fy) = ([0i32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-        for k in 0..LANES {
-            let i = (chunk * LANES + k) as f32;
-            let (u, v) = (line.start[0] + i * line.slope[0], line.start[1] + i * line.slope[1]);
-            let ok = (u >= lo_x) & (u <= hi_x) & (v >= lo_y) & (v <= hi_y);
-            valid[k] = if ok { weight[k] } else { 0.0 };
-            inside[k] += valid[k];
-            // Clamped first, so the casts cannot overflow and the index below is always inside the plane.
-            let (u, v) = (u.max(0.0).min(edge_x), v.max(0.0).min(edge_y));
-            let (iu, iv) = ((u as i32).min(last_x), (v as i32).min(last_y));
-            fx[k] = u - iu as f32;
-            fy[k] = v - iv as f32;
-            index[k] = iv * w as i32 + iu;
+    for (block, weight) in weight.chunks(BLOCK).enumerate() {
+        let n = weight.len();
+        let at = range.start + block * BLOCK;
+        let valid = &mut scratch.valid[at..at + n];
+        place(line, block * BLOCK, weight, valid, [frame.width, frame.height], &mut places);
+        for v in valid.chunks_exact(LANES) {
+            (0..LANES).for_each(|k| inside[k] += v[k]);
         }
-        let norm = &mut scratch.norm[at..at + LANES];
+        let norm = &mut scratch.norm[at..at + n];
         norm.fill(0.0);
         for ((plane, value), residual) in frame.data.iter().zip(value).zip(&mut scratch.residual) {
-            let (mut a, mut b, mut c, mut d) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-            for k in 0..LANES {
-                let i = index[k] as usize;
+            let (mut top, mut bottom) = ([[0.0f32; 2]; BLOCK], [[0.0f32; 2]; BLOCK]);
+            for k in 0..n {
+                let i = places.index[k] as usize;
                 let q = &plane[i..i + w + 2];
-                (a[k], b[k], c[k], d[k]) = (q[0], q[1], q[w], q[w + 1]);
+                top[k] = [q[0], q[1]];
+                bottom[k] = [q[w], q[w + 1]];
             }
-            let (value, residual) = (&value[at..at + LANES], &mut residual[at..at + LANES]);
-            for k in 0..LANES {
-                let top = a[k] + fx[k] * (b[k] - a[k]);
-                let bottom = c[k] + fx[k] * (d[k] - c[k]);
-                let r = top + fy[k] * (bottom - top) - value[k];
+            let (value, residual) = (&value[at..at + n], &mut residual[at..at + n]);
+            for k in 0..n {
+                let upper = top[k][0] + places.fx[k] * (top[k][1] - top[k][0]);
+                let lower = bottom[k][0] + places.fx[k] * (bottom[k][1] - bottom[k][0]);
+                let r = upper + places.fy[k] * (lower - upper) - value[k];
                 residual[k] = r;
                 norm[k] += r * r;
             }
