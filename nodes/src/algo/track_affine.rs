@@ -1,1 +1,0 @@
-//! Affine image registration.
