@@ -276,6 +276,8 @@ enum Label {
     Ground,
     Layer,
     Unknown,
+    /// Not to learn from.
+    Mixed,
 }
 
 /// Pixels to learn from: their coordinates, what the seed says, and how many pixels each stands for.
@@ -326,19 +328,30 @@ pub fn fit(image: Raster<'_>, seed: Seed<'_>, options: &Options) -> Result<Model
     validate(image, options)?;
     let planes = kernel::planes(image, options.space);
     match seed {
-        Seed::Colours(colours) => fit_colours(&planes, colours, options),
+        Seed::Colours(colours) => fit_colours(&planes, image.width, colours, options),
         Seed::Hint(hint) => fit_hint(&planes, hint, options),
     }
 }
 
-fn fit_colours(planes: &kernel::Planes, colours: &[[f64; 3]], options: &Options) -> Result<Model, MatteError> {
+fn fit_colours(planes: &kernel::Planes, width: usize, colours: &[[f64; 3]], options: &Options) -> Result<Model, MatteError> {
     if let Some(&found) = colours.iter().find(|c| c.iter().any(|v| !(0.0..=1.0).contains(v))) {
         return Err(MatteError::Colour { found });
     }
     let seeds: Vec<[f64; 3]> = colours.iter().map(|c| seed_coordinates(options.space, *c)).collect();
     let near = |p: [f64; 3]| seeds.iter().any(|s| distance_sq(p, *s) <= SEED_REACH * SEED_REACH);
-    let label = |p: [f64; 3], _| if near(p) { Label::Unknown } else { Label::Ground };
-    let samples = Samples::gather(planes, label, options.max_samples);
+    let ink_at = seed_coordinates(options.space, options.ink_color);
+    let is_ink = |p: [f64; 3]| options.ink > 0.0 && distance_sq(p, ink_at) <= INK_REACH * INK_REACH;
+    let rim = rim(planes, width, near, options);
+    let label = |p: [f64; 3], i: usize| match () {
+        () if near(p) => Label::Unknown,
+        // What lies around the layer holds blends of its colours and its ink, which must not be learnt as ground.
+        () if rim[i] => if is_ink(p) { Label::Unknown } else { Label::Mixed },
+        () => Label::Ground,
+    };
+    let mut samples = Samples::gather(planes, label, options.max_samples);
+    if samples.count(Label::Ground) < MIN_SAMPLES {
+        samples = Samples::gather(planes, |p, _| if near(p) { Label::Unknown } else { Label::Ground }, options.max_samples);
+    }
     let (layer, ground) = (samples.count(Label::Unknown), samples.count(Label::Ground));
     if layer < MIN_SAMPLES {
         return Err(MatteError::NoForeground { found: layer, hint: "pick `foreground` colours from the picture" });
@@ -365,6 +378,15 @@ fn fit_colours(planes: &kernel::Planes, colours: &[[f64; 3]], options: &Options)
     model.background = first;
     settle(&mut model, &samples, options, Anchors { layer: &seeds, ink: Some(ink_at) });
     Ok(model)
+}
+
+/// The pixels within the width of the ink, and two of blends, of those with a colour of the layer; single pixels of the grain count as none.
+fn rim(planes: &kernel::Planes, width: usize, near: impl Fn([f64; 3]) -> bool, options: &Options) -> Vec<bool> {
+    let at = |i: usize| [planes.x[i], planes.y[i], planes.z[i]].map(f64::from);
+    let mut rim: Vec<bool> = (0..planes.x.len()).map(|i| near(at(i))).collect();
+    regions::tidy(&mut rim, width, regions::Tidy { min_area: options.min_area, max_hole: 0.0, largest_only: false });
+    regions::dilate(&mut rim, width, options.ink.min(64.0).ceil() as usize + 2);
+    rim
 }
 
 fn fit_hint(planes: &kernel::Planes, hint: &[f32], options: &Options) -> Result<Model, MatteError> {
@@ -485,6 +507,9 @@ fn posteriors(model: &Model, samples: &Samples) -> Vec<[f64; 3]> {
     let density =
         |s: usize, p: [f64; 3]| floors[s] + shares[s] * sides[s].iter().map(|(w, g)| libm::exp(w + g.log_density(p))).sum::<f64>();
     let one = |(p, label): (&[f64; 3], &Label)| {
+        if *label == Label::Mixed {
+            return [0.0; 3];
+        }
         let layer = if *label == Label::Ground { 0.0 } else { density(0, *p) };
         let ground = if *label == Label::Layer { 0.0 } else { density(1, *p) };
         let ink = density(2, *p);

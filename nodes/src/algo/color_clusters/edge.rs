@@ -5,6 +5,8 @@
 //!
 //! **Source** Y. Mishima, US patent 5,355,174, 1993, and Y.-Y. Chuang and others, *A Bayesian approach to digital matting*, 2001, eq. 10, with the samples chosen by distance.
 
+use super::regions;
+
 /// Colour differences of less than this many times the grain tell nothing.
 const MIN_CONTRAST: f32 = 4.0;
 /// Colours off the line by more than this many times the grain (and a tenth of the line) are not a mix of the two.
@@ -51,28 +53,13 @@ fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
 }
 
 impl<C: Fn(usize) -> [f32; 3]> Band<'_, C> {
-    /// Which pixels lie within `radius` of one of the other kind. O(pixels × radius).
+    /// Which pixels lie within `radius` of one of the other kind. O(pixels × log radius).
     fn unknown(&self) -> Vec<bool> {
-        let (w, h, r) = (self.width, self.height, self.radius);
-        let mut any = vec![[false; 2]; w * h];
-        for y in 0..h {
-            let row = &self.mask[y * w..(y + 1) * w];
-            for (x, o) in any[y * w..(y + 1) * w].iter_mut().enumerate() {
-                let near = &row[x.saturating_sub(r)..(x + r + 1).min(w)];
-                *o = [near.contains(&true), near.contains(&false)];
-            }
-        }
-        let mixed = |i: usize| {
-            let (x, y) = (i % w, i / w);
-            let rows = y.saturating_sub(r)..(y + r + 1).min(h);
-            let (mut inside, mut outside) = (false, false);
-            for v in rows {
-                inside |= any[v * w + x][0];
-                outside |= any[v * w + x][1];
-            }
-            inside && outside
-        };
-        (0..w * h).map(mixed).collect()
+        let mut layer = self.mask.to_vec();
+        let mut ground: Vec<bool> = self.mask.iter().map(|m| !m).collect();
+        regions::dilate(&mut layer, self.width, self.radius);
+        regions::dilate(&mut ground, self.width, self.radius);
+        layer.iter().zip(&ground).map(|(l, g)| *l && *g).collect()
     }
 
     /// Solves the alpha of the band, in place. O(pixels + band × radius²).

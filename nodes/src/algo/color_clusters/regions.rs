@@ -161,7 +161,62 @@ pub(super) fn owned_ink(layer: &[bool], ink: &[f32], width: usize, reach: f64) -
         }
         front = next;
     }
+    whole_strokes(&mut owned, ink, width);
     owned
+}
+
+/// Where at least half of a connected patch of ink is the layer's, the rest of it is, too: pens swell. A patch that runs on into the ground stays cut off.
+fn whole_strokes(owned: &mut [bool], ink: &[f32], width: usize) {
+    let mask: Vec<bool> = ink.iter().map(|p| *p > 0.5).collect();
+    let mut runs = components(&mask, width);
+    let mut counts = vec![[0u64; 2]; runs.len()];
+    for pass in 0..2 {
+        for i in 0..runs.len() {
+            let root = find(&mut runs, i as u32) as usize;
+            let r = &runs[i];
+            let row = r.y as usize * width;
+            let span = row + r.start as usize..row + r.end as usize;
+            if pass == 0 {
+                counts[root][0] += span.len() as u64;
+                counts[root][1] += owned[span].iter().filter(|v| **v).count() as u64;
+            } else if r.inside && 2 * counts[root][1] >= counts[root][0] {
+                owned[span].fill(true);
+            }
+        }
+    }
+}
+
+/// Grows a mask by `radius` pixels in all eight directions, in place. O(pixels × log radius).
+pub(super) fn dilate(mask: &mut [bool], width: usize, radius: usize) {
+    let mut left = radius;
+    let mut copy = mask.to_vec();
+    let mut step = 1;
+    while left > 0 && width > 0 {
+        // A step of one more than what has been grown leaves no gap, at the border of the picture either, where only half of the square is there to be moved.
+        let by = step.min(left);
+        for (row, from) in mask.chunks_exact_mut(width).zip(copy.chunks_exact(width)) {
+            merge_shifted(row, from, by);
+        }
+        copy.copy_from_slice(mask);
+        merge_shifted(mask, &copy, by.saturating_mul(width));
+        copy.copy_from_slice(mask);
+        left -= by;
+        step = radius - left + 1;
+    }
+}
+
+/// Ors `from`, moved by `by` samples either way, into `out`.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn merge_shifted(out: &mut [bool], from: &[bool], by: usize) {
+    if by >= out.len() {
+        return;
+    }
+    for (o, f) in out[by..].iter_mut().zip(from) {
+        *o |= f;
+    }
+    for (o, f) in out.iter_mut().zip(&from[by..]) {
+        *o |= f;
+    }
 }
 
 /// The neighbours of pixel `i`, at most eight.
@@ -298,10 +353,24 @@ mod tests {
     }
 
     #[test]
+    fn a_point_grows_to_a_square() {
+        for radius in [0, 1, 2, 3, 4, 7] {
+            let mut m = vec![false; 19 * 17];
+            (m[8 * 19 + 9], m[0]) = (true, true);
+            dilate(&mut m, 19, radius);
+            for (i, v) in m.iter().enumerate() {
+                let (x, y) = (i % 19, i / 19);
+                let expected = (x.abs_diff(9) <= radius && y.abs_diff(8) <= radius) || (x <= radius && y <= radius);
+                assert_eq!(*v, expected, "radius {radius}, pixel ({x}, {y})");
+            }
+        }
+    }
+
+    #[test]
     fn ink_is_reached_through_ink_alone() {
         // Layer at the left, two pixels of outline after a mixed one, ground, and a line of the ground's own.
         let layer = mask(&["##........"; 3]);
-        let ink: Vec<f32> = ["...++..++."; 3].iter().flat_map(|r| r.bytes().map(|b| f32::from(b == b'+'))).collect();
+        let ink: Vec<f32> = ["...++..+++"; 3].iter().flat_map(|r| r.bytes().map(|b| f32::from(b == b'+'))).collect();
         let owned = owned_ink(&layer, &ink, 10, 4.0);
         let expected: Vec<bool> = ["...##....."; 3].iter().flat_map(|r| r.bytes().map(|b| b == b'#')).collect();
         assert_eq!(owned, expected);
