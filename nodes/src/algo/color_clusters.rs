@@ -361,10 +361,7 @@ fn fit_colours(planes: &kernel::Planes, width: usize, colours: &[[f64; 3]], opti
     }
     let weight = 1.0 / seeds.len() as f64;
     let mut model = start_model(options, seeds.iter().map(|s| Gaussian::round(weight, *s, SEED_SIGMA)).collect());
-    let ink_at = seed_coordinates(options.space, options.ink_color);
-    let is_ink = |p: [f64; 3]| options.ink > 0.0 && distance_sq(p, ink_at) <= INK_REACH * INK_REACH;
-    let has_ink =
-        (0..samples.points.len()).filter(|i| samples.labels[*i] == Label::Ground && is_ink(samples.points[*i])).count() >= MIN_SAMPLES;
+    let has_ink = samples.points.iter().filter(|p| is_ink(**p)).count() >= MIN_SAMPLES;
     if has_ink {
         model.ink = vec![Gaussian::round(1.0, ink_at, SEED_SIGMA)];
     }
@@ -424,18 +421,24 @@ fn start_model(options: &Options, foreground: Vec<Gaussian>) -> Model {
     Model { foreground, background, ink, prior: 0.3, ink_prior, outlier: options.outlier, space: options.space }
 }
 
-/// Moves the clusters of the layer that have the colour of ink to the ink, unless that would leave the layer with nothing.
+/// Moves the clusters that have the colour of ink to the ink, from either side, unless that would leave the layer with nothing or the layer has none.
 fn split_ink(model: &mut Model, options: &Options) {
     let at = seed_coordinates(options.space, options.ink_color);
-    let (ink, rest): (Vec<_>, Vec<_>) =
-        model.foreground.iter().partition(|g| options.ink > 0.0 && distance_sq(g.mean, at) <= INK_REACH * INK_REACH);
+    let is_ink = |g: &Gaussian| options.ink > 0.0 && distance_sq(g.mean, at) <= INK_REACH * INK_REACH;
+    let (ink, rest): (Vec<_>, Vec<_>) = model.foreground.iter().copied().partition(is_ink);
     if ink.is_empty() || rest.is_empty() {
         model.ink_prior = 0.0;
         return;
     }
     (model.ink, model.foreground) = (ink, rest);
+    let (of_ground, ground): (Vec<_>, Vec<_>) = model.background.iter().copied().partition(is_ink);
+    if !ground.is_empty() {
+        model.background = ground;
+        model.ink.extend(of_ground);
+    }
     normalise(&mut model.ink);
     normalise(&mut model.foreground);
+    normalise(&mut model.background);
 }
 
 /// Scales weights to a sum of 1; a side without any is left as it is.
