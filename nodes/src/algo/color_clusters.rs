@@ -90,6 +90,8 @@ pub struct Options {
     pub fill_holes: f64,
     /// Keep the largest part of the layer only.
     pub largest_component: bool,
+    /// Probabilities up to `clip.0` become 0, those from `clip.1` on become 1, the rest is stretched; (0, 1) keeps them all. The solved edge is not clipped.
+    pub clip: (f64, f64),
     /// Half the width of the mixed edge, in pixels: 0 leaves the posterior as it is, 1 suits drawings, 2 or 3 soft footage. At most 16.
     pub edge: f64,
     /// How the pixels of the edge were mixed.
@@ -111,6 +113,7 @@ impl Default for Options {
             min_area: 16.0,
             fill_holes: 64.0,
             largest_component: false,
+            clip: (0.1, 0.9),
             edge: 1.0,
             mix: Mix::Linear,
             max_samples: 16_384,
@@ -258,6 +261,8 @@ fn validate(image: Raster<'_>, options: &Options) -> Result<(), MatteError> {
         ("smoothness", options.smoothness, 0.0, 100.0, "from 0 to 100"),
         ("min_area", options.min_area, 0.0, f64::INFINITY, "of 0 pixels or more"),
         ("fill_holes", options.fill_holes, 0.0, f64::INFINITY, "of 0 pixels or more"),
+        ("clip", options.clip.0, 0.0, options.clip.1, "of two values in order, from 0 to 1"),
+        ("clip", options.clip.1, 1e-3, 1.0, "of two values in order, from 0 to 1"),
         ("edge", options.edge, 0.0, 16.0, "from 0 to 16 pixels"),
         ("max_samples", options.max_samples as f64, 16.0, 1e7, "from 16 to 10000000"),
     ];
@@ -345,7 +350,13 @@ fn fit_colours(planes: &kernel::Planes, width: usize, colours: &[[f64; 3]], opti
     let label = |p: [f64; 3], i: usize| match () {
         () if near(p) => Label::Unknown,
         // What lies around the layer holds blends of its colours and its ink, which must not be learnt as ground.
-        () if rim[i] => if is_ink(p) { Label::Unknown } else { Label::Mixed },
+        () if rim[i] => {
+            if is_ink(p) {
+                Label::Unknown
+            } else {
+                Label::Mixed
+            }
+        }
         () => Label::Ground,
     };
     let mut samples = Samples::gather(planes, label, options.max_samples);
@@ -542,6 +553,7 @@ pub fn alpha(image: Raster<'_>, model: &Model, options: &Options, out: &mut [f32
         field::smooth(out, &planes, image.width, image.height, options.smoothness, options.min_sigma * options.min_sigma);
     }
     let mask = tidy_mask(image, options, out);
+    clip(out, options.clip);
     if options.edge > 0.0 {
         solve_edge(image, model, options, &mask, out);
     }
@@ -592,6 +604,14 @@ fn tidy_mask(image: Raster<'_>, options: &Options, out: &mut [f32]) -> Vec<bool>
     mask
 }
 
+/// Stretches probabilities so that `low` becomes 0 and `high` 1.
+fn clip(out: &mut [f32], (low, high): (f64, f64)) {
+    let (low, scale) = (low as f32, (1.0 / (high - low).max(1e-6)) as f32);
+    for v in out {
+        *v = ((*v - low) * scale).clamp(0.0, 1.0);
+    }
+}
+
 /// Solves the band of mixed pixels.
 fn solve_edge(image: Raster<'_>, model: &Model, options: &Options, mask: &[bool], out: &mut [f32]) {
     let color = mixed_color(image, options.mix);
@@ -606,7 +626,9 @@ fn solve_edge(image: Raster<'_>, model: &Model, options: &Options, mask: &[bool]
         width: image.width,
         height: image.height,
         mask,
-        radius: options.edge.ceil() as usize,
+        // Ink hides where its line ends: blends with it look like ground sooner than blends with a fill.
+        radius: options.edge.ceil() as usize + usize::from(!model.ink.is_empty()),
+        inks: model.ink.iter().filter(|g| g.weight > 0.01).count(),
         grain: grain(image, &color),
         color,
         palette: &palette,

@@ -26,6 +26,8 @@ pub(super) struct Band<'a, C: Fn(usize) -> [f32; 3]> {
     pub(super) grain: f32,
     /// Colours of the layer that stand in where it is too thin to hold a whole pixel.
     pub(super) palette: &'a [[f32; 3]],
+    /// How many of the palette, from its start, are ink: they lie between the layer's fill and the ground.
+    pub(super) inks: usize,
 }
 
 /// Colours of the nearest whole pixels of one side, averaged.
@@ -41,6 +43,25 @@ impl Nearby {
 
     fn mean(&self) -> Option<[f32; 3]> {
         (self.n > 0.0).then(|| self.sum.map(|v| v / self.n))
+    }
+}
+
+/// The explanation of a colour that fits it best: its alpha, and how far off it is.
+#[derive(Default)]
+struct Best(Option<(f32, f32)>);
+
+impl Best {
+    /// Takes an explanation that is nearer than the one held; the first of equals stays.
+    fn offer(&mut self, found: Option<(f32, f32)>) {
+        if let Some(f) = found
+            && self.0.is_none_or(|held| f.1 < held.1)
+        {
+            self.0 = Some(f);
+        }
+    }
+
+    fn alpha(&self) -> Option<f32> {
+        self.0.map(|held| held.0)
     }
 }
 
@@ -105,14 +126,34 @@ impl<C: Fn(usize) -> [f32; 3]> Band<'_, C> {
 
     /// Alpha of one pixel; `None` where its neighbourhood does not tell.
     fn mixed_alpha(&self, i: usize, unknown: &[bool]) -> Option<f32> {
-        let ground = self.nearby(i, unknown, false, 4).mean()?;
+        let near_ground = self.nearby(i, unknown, false, 4);
+        let (near_layer, ground) = (self.nearby(i, unknown, true, 1), near_ground.mean()?);
         let color = (self.color)(i);
-        if let Some(layer) = self.nearby(i, unknown, true, 1).mean() {
-            return self.project(color, layer, ground).map(|(a, _)| a);
+        let (inks, fills) = self.palette.split_at(self.inks.min(self.palette.len()));
+        let mut best = Best::default();
+        let Some(layer) = near_layer.mean() else {
+            // Where the layer is a line thinner than the band, one of its known colours is what mixes here.
+            inks.iter().chain(fills).for_each(|f| best.offer(self.project(color, *f, ground)));
+            return best.alpha();
+        };
+        best.offer(self.project(color, layer, ground));
+        for ink in inks {
+            best.offer(self.project(color, *ink, ground));
+            // Between the fill and its outline all is layer, but only on the layer's side of the line.
+            if near_layer.nearest_sq <= near_ground.nearest_sq {
+                best.offer(self.inside(color, layer, *ink));
+            }
         }
-        // Where the layer is a line thinner than the band, one of its known colours is what mixes here.
-        let fits = self.palette.iter().filter_map(|f| self.project(color, *f, ground));
-        fits.fold(None, |best: Option<(f32, f32)>, f| if best.is_none_or(|b| f.1 < b.1) { Some(f) } else { best }).map(|f| f.0)
+        best.alpha()
+    }
+
+    /// Alpha 1 if `color` is a mix of two colours of the layer, and its distance from the line between them.
+    fn inside(&self, color: [f32; 3], fill: [f32; 3], ink: [f32; 3]) -> Option<(f32, f32)> {
+        let (d, e) = (sub(ink, fill), sub(color, fill));
+        let t = (dot(e, d) / dot(d, d).max(1e-12)).clamp(0.0, 1.0);
+        let rest = sub(e, d.map(|v| v * t));
+        let off = dot(rest, rest).sqrt();
+        (off <= MAX_OFF_LINE * self.grain + 0.1 * dot(d, d).sqrt()).then_some((1.0, off))
     }
 
     /// Where `color` lies between the two, 0 at the ground, and its distance from the line.
@@ -151,7 +192,7 @@ mod tests {
             // The mask may have put the mixed pixel on either side.
             let mask: Vec<bool> = (0..50).map(|i| i % 10 < wrong).collect();
             let mut alpha: Vec<f32> = mask.iter().map(|v| f32::from(*v)).collect();
-            Band { width, height, mask: &mask, radius: 1, color: mixed, grain: 0.0, palette: &[] }.solve(&mut alpha);
+            Band { width, height, mask: &mask, radius: 1, color: mixed, grain: 0.0, palette: &[], inks: 0 }.solve(&mut alpha);
             for (i, a) in alpha.iter().enumerate() {
                 let truth = [1.0, 1.0, 1.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0][i % 10];
                 assert!((a - truth).abs() < 1e-5, "pixel {i}: expected {truth}, found {a}");
@@ -165,7 +206,7 @@ mod tests {
         let color = |i: usize| if i % 9 == 4 { [0.58; 3] } else { [0.9; 3] };
         let mask: Vec<bool> = (0..45).map(|i| i % 9 == 4).collect();
         let mut alpha: Vec<f32> = mask.iter().map(|v| f32::from(*v)).collect();
-        Band { width, height, mask: &mask, radius: 1, color, grain: 0.0, palette: &[[1.0, 0.0, 0.0], [0.1; 3]] }.solve(&mut alpha);
+        Band { width, height, mask: &mask, radius: 1, color, grain: 0.0, palette: &[[1.0, 0.0, 0.0], [0.1; 3]], inks: 0 }.solve(&mut alpha);
         assert!((alpha[22] - 0.4).abs() < 1e-5 && alpha[21].abs() < 1e-6, "found {} and {}", alpha[22], alpha[21]);
     }
 }

@@ -9,6 +9,14 @@ struct Run {
     parent: u32,
 }
 
+impl Run {
+    /// The pixels of the run.
+    fn span(&self, width: usize) -> std::ops::Range<usize> {
+        let row = self.y as usize * width;
+        row + self.start as usize..row + self.end as usize
+    }
+}
+
 /// What is known of a component, kept at its first run.
 #[derive(Clone, Copy, Default)]
 struct Extent {
@@ -121,8 +129,7 @@ pub(super) fn tidy(mask: &mut [bool], width: usize, options: Tidy) {
             !e.on_border && e.area as f64 <= options.max_hole
         };
         if flip {
-            let row = r.y as usize * width;
-            mask[row + r.start as usize..row + r.end as usize].fill(!r.inside);
+            mask[r.span(width)].fill(!r.inside);
         }
     }
 }
@@ -161,27 +168,29 @@ pub(super) fn owned_ink(layer: &[bool], ink: &[f32], width: usize, reach: f64) -
         }
         front = next;
     }
-    whole_strokes(&mut owned, ink, width);
+    swellings(&mut owned, ink, width);
     owned
 }
 
-/// Where at least half of a connected patch of ink is the layer's, the rest of it is, too: pens swell. A patch that runs on into the ground stays cut off.
-fn whole_strokes(owned: &mut [bool], ink: &[f32], width: usize) {
-    let mask: Vec<bool> = ink.iter().map(|p| *p > 0.5).collect();
-    let mut runs = components(&mask, width);
+/// Pens swell: what is left of an outline beyond its reach is the layer's, too, where it is broad and shallow, its area no more than the square of its contact with what is owned.
+/// A stroke of the ground that meets the outline is long, and its contact narrow.
+fn swellings(owned: &mut [bool], ink: &[f32], width: usize) {
+    let rest: Vec<bool> = ink.iter().zip(owned.iter()).map(|(p, o)| *p > 0.5 && !o).collect();
+    let mut runs = components(&rest, width);
     let mut counts = vec![[0u64; 2]; runs.len()];
-    for pass in 0..2 {
-        for i in 0..runs.len() {
+    for i in 0..runs.len() {
+        if runs[i].inside {
             let root = find(&mut runs, i as u32) as usize;
-            let r = &runs[i];
-            let row = r.y as usize * width;
-            let span = row + r.start as usize..row + r.end as usize;
-            if pass == 0 {
-                counts[root][0] += span.len() as u64;
-                counts[root][1] += owned[span].iter().filter(|v| **v).count() as u64;
-            } else if r.inside && 2 * counts[root][1] >= counts[root][0] {
-                owned[span].fill(true);
-            }
+            let span = runs[i].span(width);
+            counts[root][0] += span.len() as u64;
+            counts[root][1] += span.filter(|j| neighbours(*j, width, owned.len()).any(|k| owned[k])).count() as u64;
+        }
+    }
+    for i in 0..runs.len() {
+        let root = find(&mut runs, i as u32) as usize;
+        let [area, contact] = counts[root];
+        if runs[i].inside && area <= contact.saturating_mul(contact) {
+            owned[runs[i].span(width)].fill(true);
         }
     }
 }
