@@ -1,0 +1,1 @@
+//! Whole mattes against exact truth.
