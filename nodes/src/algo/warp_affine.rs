@@ -455,13 +455,14 @@ struct Job<'a> {
     filter: Filter,
     outside: Outside,
     taps: usize,
+    ahead: Ahead,
 }
 
 /// The warp with the filter as wide as the source's samples.
 fn warp_points(source: Source<'_>, m: &Affine, options: WarpOptions, target: &mut [f32], window: Window) {
     let raster = source.raster;
     let taps = if options.filter == Filter::Nearest { 1 } else { 2 * options.filter.radius() as usize };
-    let job = Job { raster, filter: options.filter, outside: options.outside, taps };
+    let job = Job { raster, filter: options.filter, outside: options.outside, taps, ahead: Ahead::new(m) };
     let shift = if taps == 1 { 0.5 } else { 0.0 };
     for (i, out) in target.chunks_exact_mut(window.width * raster.channels).enumerate() {
         let y = window.y.saturating_add(i as i64);
@@ -495,7 +496,14 @@ fn warp_row(job: &Job<'_>, line_x: Line, line_y: Line, out: &mut [f32], width: u
         edge_pixel(job, line_x.at(x), line_y.at(x), &mut out[x * channels..(x + 1) * channels]);
     }
     if inner.1 > inner.0 {
-        inner_row(job.raster, job.filter, line_x.from(inner.0), line_y.from(inner.0), &mut out[inner.0 * channels..inner.1 * channels]);
+        inner_row(
+            job.raster,
+            job.filter,
+            line_x.from(inner.0),
+            line_y.from(inner.0),
+            job.ahead,
+            &mut out[inner.0 * channels..inner.1 * channels],
+        );
     }
 }
 
@@ -597,75 +605,137 @@ fn lanczos(table: &[[f32; 8]], t: f32) -> [f32; 6] {
 }
 
 /// Pixels whose positions are found at once.
-const BLOCK: usize = 16;
+const BLOCK: usize = 64;
 
 /// A run of pixels whose taps are all inside the source.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn inner_row(raster: Raster<'_>, filter: Filter, x: Walk, y: Walk, out: &mut [f32]) {
+fn inner_row(raster: Raster<'_>, filter: Filter, x: Walk, y: Walk, ahead: Ahead, out: &mut [f32]) {
     match raster.channels {
-        1 => inner_filter::<1>(raster, filter, x, y, out),
-        2 => inner_filter::<2>(raster, filter, x, y, out),
-        3 => inner_filter::<3>(raster, filter, x, y, out),
-        4 => inner_filter::<4>(raster, filter, x, y, out),
+        1 => inner_filter::<1>(raster, filter, x, y, ahead, out),
+        2 => inner_filter::<2>(raster, filter, x, y, ahead, out),
+        3 => inner_filter::<3>(raster, filter, x, y, ahead, out),
+        4 => inner_filter::<4>(raster, filter, x, y, ahead, out),
         _ => {}
     }
 }
 
 #[inline(always)]
-fn inner_filter<const C: usize>(raster: Raster<'_>, filter: Filter, x: Walk, y: Walk, out: &mut [f32]) {
+fn inner_filter<const C: usize>(raster: Raster<'_>, filter: Filter, x: Walk, y: Walk, ahead: Ahead, out: &mut [f32]) {
     match filter {
-        Filter::Nearest => inner_taps::<C, 1>(raster, x, y, &|_| [1.0], out),
-        Filter::Bilinear => inner_taps::<C, 2>(raster, x, y, &|t| [1.0 - t, t], out),
-        Filter::Cubic => inner_taps::<C, 4>(raster, x, y, &catmull_rom, out),
-        Filter::Mitchell => inner_taps::<C, 4>(raster, x, y, &mitchell, out),
+        Filter::Nearest => inner_taps::<C, 1>(raster, x, y, ahead, &|_| [1.0], out),
+        Filter::Bilinear => inner_taps::<C, 2>(raster, x, y, ahead, &|t| [1.0 - t, t], out),
+        Filter::Cubic => inner_taps::<C, 4>(raster, x, y, ahead, &catmull_rom, out),
+        Filter::Mitchell => inner_taps::<C, 4>(raster, x, y, ahead, &mitchell, out),
         Filter::Lanczos3 => {
             let table = lanczos_table();
-            inner_taps::<C, 6>(raster, x, y, &|t| lanczos(table, t), out);
+            inner_taps::<C, 6>(raster, x, y, ahead, &|t| lanczos(table, t), out);
         }
     }
 }
 
-/// A run of pixels of `C` channels through `N`² taps, in the order of [`edge_taps`] so that both give the same bits.
-#[inline(always)]
-fn inner_taps<const C: usize, const N: usize>(raster: Raster<'_>, x: Walk, y: Walk, weights: &impl Fn(f32) -> [f32; N], out: &mut [f32]) {
-    let stride = raster.width * C;
-    let before = (N - 1) / 2;
-    let (mut px, mut py) = (x.start, y.start);
-    for block in out.chunks_mut(BLOCK * C) {
-        let mut first = [0_u32; BLOCK];
-        let mut wx = [[0.0_f32; BLOCK]; N];
-        let mut wy = [[0.0_f32; BLOCK]; N];
+/// Where the taps of a block of pixels begin, and their weights.
+#[derive(Clone, Copy)]
+struct Block<const N: usize> {
+    first: [u32; BLOCK],
+    across: [[f32; BLOCK]; N],
+    down: [[f32; BLOCK]; N],
+}
+
+impl<const N: usize> Block<N> {
+    const EMPTY: Self = Self { first: [0; BLOCK], across: [[0.0; BLOCK]; N], down: [[0.0; BLOCK]; N] };
+
+    /// Finds the positions of `BLOCK` pixels from `x`, `y` on; those beyond the run are never looked at.
+    #[inline(always)]
+    fn fill(&mut self, width: usize, x: Walk, y: Walk, weights: &impl Fn(f32) -> [f32; N]) {
+        let before = ((N - 1) / 2) as u32;
         for k in 0..BLOCK {
-            let vx = px.wrapping_add(x.step.wrapping_mul(k as i64));
-            let vy = py.wrapping_add(y.step.wrapping_mul(k as i64));
-            let column = (vx >> FRACTION) as i32;
-            let row = (vy >> FRACTION) as i32;
+            let vx = x.start.wrapping_add(x.step.wrapping_mul(k as i64));
+            let vy = y.start.wrapping_add(y.step.wrapping_mul(k as i64));
+            let (column, row) = ((vx >> FRACTION) as u32, (vy >> FRACTION) as u32);
+            self.first[k] = row.wrapping_sub(before).wrapping_mul(width as u32).wrapping_add(column.wrapping_sub(before));
             let (a, b) = (weights(fraction(vx)), weights(fraction(vy)));
             for n in 0..N {
-                wx[n][k] = a[n];
-                wy[n][k] = b[n];
+                self.across[n][k] = a[n];
+                self.down[n][k] = b[n];
             }
-            let (row, column) = (row.wrapping_sub(before as i32) as u32, column.wrapping_sub(before as i32) as u32);
-            first[k] = row.wrapping_mul(raster.width as u32).wrapping_add(column);
         }
-        for (k, pixel) in block.chunks_exact_mut(C).enumerate() {
-            let at = first[k] as usize * C;
+    }
+}
+
+/// Which way the source is walked from one target row to the next, in whole pixels.
+#[derive(Clone, Copy)]
+struct Ahead {
+    columns: isize,
+    rows: isize,
+}
+
+impl Ahead {
+    fn new(m: &Affine) -> Self {
+        let step = |v: f64| libm::rint(v.clamp(-64.0, 64.0)) as isize;
+        let (columns, rows) = (step(m[(0, 1)]), step(m[(1, 1)]));
+        if rows == 0 { Self { columns: 4 * columns.signum(), rows } } else { Self { columns: 0, rows } }
+    }
+
+    /// Distance in samples from the first of `taps` to what the next target row will be the first to use.
+    #[inline(always)]
+    fn samples(self, taps: isize, channels: isize, stride: isize) -> isize {
+        let reach = |step: isize| if step > 0 { step + taps - 1 } else { step };
+        reach(self.rows) * stride + reach(self.columns) * channels
+    }
+}
+
+/// Asks for the cache line of `data[at]`, where it exists.
+#[inline(always)]
+#[allow(
+    unsafe_code,
+    reason = "a slanted walk over the rows defeats the processor's own prefetching: the bilinear warp takes half the time with this"
+)]
+fn prefetch(data: &[f32], at: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(sample) = data.get(at) {
+        // SAFETY: the address is of a live sample, and a prefetch changes nothing that can be seen.
+        unsafe { core::arch::x86_64::_mm_prefetch::<{ core::arch::x86_64::_MM_HINT_T0 }>(std::ptr::from_ref(sample).cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (data, at);
+}
+
+/// A run of pixels of `C` channels through `N`² taps, in the order of [`edge_taps`] so that both give the same bits.
+#[inline(always)]
+fn inner_taps<const C: usize, const N: usize>(
+    raster: Raster<'_>,
+    mut x: Walk,
+    mut y: Walk,
+    ahead: Ahead,
+    weights: &impl Fn(f32) -> [f32; N],
+    out: &mut [f32],
+) {
+    let stride = raster.width * C;
+    let ahead = ahead.samples(N as isize, C as isize, stride as isize);
+    let mut block = Block::<N>::EMPTY;
+    for pixels in out.chunks_mut(BLOCK * C) {
+        block.fill(raster.width, x, y, weights);
+        for k in 0..pixels.len() / C {
+            prefetch(raster.data, (block.first[k] as isize * C as isize).wrapping_add(ahead) as usize);
+        }
+        for (k, pixel) in pixels.chunks_exact_mut(C).enumerate() {
+            let at = block.first[k] as usize * C;
             let mut sum = [0.0_f32; C];
             for j in 0..N {
                 let row = &raster.data[at + j * stride..][..N * C];
                 let mut across = [0.0_f32; C];
                 for i in 0..N {
                     for c in 0..C {
-                        across[c] += row[i * C + c] * wx[i][k];
+                        across[c] += row[i * C + c] * block.across[i][k];
                     }
                 }
                 for c in 0..C {
-                    sum[c] += across[c] * wy[j][k];
+                    sum[c] += across[c] * block.down[j][k];
                 }
             }
             pixel.copy_from_slice(&sum);
         }
-        px = px.wrapping_add(x.step.wrapping_mul(BLOCK as i64));
-        py = py.wrapping_add(y.step.wrapping_mul(BLOCK as i64));
+        x.start = x.start.wrapping_add(x.step.wrapping_mul(BLOCK as i64));
+        y.start = y.start.wrapping_add(y.step.wrapping_mul(BLOCK as i64));
     }
 }
