@@ -1,0 +1,1 @@
+//! Point operations: grading, premultiplication, channel shuffles, cropping.
