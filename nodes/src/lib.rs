@@ -2,6 +2,9 @@
 
 pub mod algo;
 pub mod data;
+mod image;
+mod matte;
 mod registry;
+mod track;
 
 pub use registry::registry;

@@ -3,8 +3,13 @@
 use pegbar_engine::registry::Registry;
 
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
+use crate::image::ImageWarpAffine;
+use crate::matte::MatteColorClusters;
+use crate::track::TrackAffine;
 
 /// Every node type and value type that Pegbar comes with.
 pub fn registry() -> Registry {
-    Registry::new().value::<Affine2>().value::<Image>().value::<KeyShapes>().value::<Matte>().value::<Shape>().value::<Weights>()
+    let types =
+        Registry::new().value::<Affine2>().value::<Image>().value::<KeyShapes>().value::<Matte>().value::<Shape>().value::<Weights>();
+    types.per_frame::<ImageWarpAffine>().recurrent::<MatteColorClusters>().recurrent::<TrackAffine>()
 }

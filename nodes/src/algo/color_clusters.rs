@@ -44,7 +44,7 @@ const ROUNDS: usize = 4;
 const MAX_CLUSTERS: usize = 32;
 
 /// The space in which colours cluster. Distances are in units of about one just noticeable difference.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, pegbar_engine::Setting)]
 pub enum Space {
     /// CIE L\*a\*b\*, D65: the usual choice.
     #[default]
@@ -58,7 +58,7 @@ pub enum Space {
 }
 
 /// How the pixels of an edge were mixed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, pegbar_engine::Setting)]
 pub enum Mix {
     /// In linear light: film, footage, compositing in linear light.
     #[default]

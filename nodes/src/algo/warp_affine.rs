@@ -26,7 +26,7 @@ const ANTIALIAS_FROM: f64 = 0.9;
 const ANTIALIAS_FULL: f64 = 0.7;
 
 /// How a picture is reconstructed between its samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, pegbar_engine::Setting)]
 pub enum Filter {
     /// The sample nearest to the position: for ids and masks. Never widened.
     Nearest,
@@ -94,7 +94,7 @@ pub(super) fn lanczos_at(x: f64, radius: f64) -> f64 {
 }
 
 /// What lies outside the source.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, pegbar_engine::Setting)]
 pub enum Outside {
     /// Zero in every channel; pixels at the edge are filtered against it.
     #[default]

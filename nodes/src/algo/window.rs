@@ -1,7 +1,12 @@
 //! Whole-pixel rectangles: where a picture's samples lie in the plane.
 
+use serde::{Deserialize, Serialize};
+
 /// A rectangle of whole pixels: columns `x .. x + width`, rows `y .. y + height`, so that it covers the plane from (x, y) to (x + width, y + height).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+///
+/// As text it is `[left, top, right, bottom]`, the ends exclusive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(from = "[i64; 4]", into = "[i64; 4]")]
 pub struct Window {
     /// First column.
     pub x: i64,
@@ -11,6 +16,18 @@ pub struct Window {
     pub width: usize,
     /// Rows.
     pub height: usize,
+}
+
+impl From<[i64; 4]> for Window {
+    fn from([left, top, right, bottom]: [i64; 4]) -> Self {
+        Self::from_bounds(left, top, right, bottom)
+    }
+}
+
+impl From<Window> for [i64; 4] {
+    fn from(window: Window) -> Self {
+        [window.x, window.y, window.right(), window.bottom()]
+    }
 }
 
 impl Window {

@@ -2,71 +2,9 @@
 
 use pegbar_engine::Value;
 use pegbar_engine::array::NdArray;
-use serde::{Deserialize, Serialize};
 
 use crate::algo::raster::Raster;
-
-/// A rectangle of pixels, its ends exclusive, in the pixel grid of the picture's format: x to the right, y down.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "[i64; 4]", into = "[i64; 4]")]
-pub struct Window {
-    /// Left edge.
-    pub x0: i64,
-    /// Upper edge.
-    pub y0: i64,
-    /// One past the right edge.
-    pub x1: i64,
-    /// One past the lower edge.
-    pub y1: i64,
-}
-
-impl From<[i64; 4]> for Window {
-    fn from([x0, y0, x1, y1]: [i64; 4]) -> Self {
-        Self { x0, y0, x1, y1 }
-    }
-}
-
-impl From<Window> for [i64; 4] {
-    fn from(w: Window) -> Self {
-        [w.x0, w.y0, w.x1, w.y1]
-    }
-}
-
-impl Window {
-    /// The window of a picture of this size whose upper left corner is the origin.
-    pub fn of_size(width: usize, height: usize) -> Self {
-        Self { x0: 0, y0: 0, x1: width as i64, y1: height as i64 }
-    }
-
-    /// Columns.
-    pub fn width(self) -> usize {
-        usize::try_from(self.x1.saturating_sub(self.x0)).unwrap_or(0)
-    }
-
-    /// Rows.
-    pub fn height(self) -> usize {
-        usize::try_from(self.y1.saturating_sub(self.y0)).unwrap_or(0)
-    }
-
-    /// What lies in both; a window without pixels where nothing does.
-    #[must_use]
-    pub fn intersect(self, other: Self) -> Self {
-        let (x0, y0) = (self.x0.max(other.x0), self.y0.max(other.y0));
-        Self { x0, y0, x1: self.x1.min(other.x1).max(x0), y1: self.y1.min(other.y1).max(y0) }
-    }
-
-    /// The least window that holds both.
-    #[must_use]
-    pub fn union(self, other: Self) -> Self {
-        if self.width() * self.height() == 0 {
-            return other;
-        }
-        if other.width() * other.height() == 0 {
-            return self;
-        }
-        Self { x0: self.x0.min(other.x0), y0: self.y0.min(other.y0), x1: self.x1.max(other.x1), y1: self.y1.max(other.y1) }
-    }
-}
+use crate::algo::window::Window;
 
 /// A picture: linear light, premultiplied alpha.
 #[derive(Clone, Debug, PartialEq, Value)]
@@ -98,8 +36,8 @@ impl Image {
     /// With the rectangle that the samples fill, and the one that is shown. Windows of another size than the samples' are not taken.
     #[must_use]
     pub fn with_windows(mut self, data: Window, display: Window) -> Self {
-        if (data.width(), data.height()) == (self.width(), self.height()) {
-            let own = Window::of_size(self.width(), self.height());
+        if (data.width, data.height) == (self.width(), self.height()) {
+            let own = Window::at_origin(self.width(), self.height());
             self.data_window = (data != own).then_some(data);
             self.display_window = (display != data).then_some(display);
         }
@@ -162,7 +100,7 @@ impl Image {
 
     /// The rectangle that the samples fill.
     pub fn data_window(&self) -> Window {
-        self.data_window.unwrap_or_else(|| Window::of_size(self.width(), self.height()))
+        self.data_window.unwrap_or_else(|| Window::at_origin(self.width(), self.height()))
     }
 
     /// The rectangle that is shown.
@@ -198,7 +136,9 @@ impl Image {
             return Err(format!("expected {c} channel names, found {}", names.len()));
         }
         match self.data_window {
-            Some(d) if (d.width(), d.height()) != (w, h) => Err(format!("expected a data window of {w} x {h}, found {} x {}", d.width(), d.height())),
+            Some(d) if (d.width, d.height) != (w, h) => {
+                Err(format!("expected a data window of {w} x {h}, found {} x {}", d.width, d.height))
+            }
             _ => Ok(()),
         }
     }

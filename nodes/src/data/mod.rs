@@ -7,7 +7,7 @@ mod shape;
 mod weights;
 
 pub use affine::Affine2;
-pub use image::{Image, Window};
+pub use image::Image;
 pub use matte::Matte;
 pub use shape::{KeyShapes, Shape};
 pub use weights::Weights;

@@ -35,7 +35,7 @@ use solve::{distance, increment, is_sane, project, solve, update};
 use start::{Moments, carrying, extrapolate, moments, moved_bounds, shifted};
 
 /// Which motions are allowed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, pegbar_engine::Setting)]
 pub enum Model {
     /// Two parameters.
     Translation,
@@ -49,7 +49,7 @@ pub enum Model {
 }
 
 /// How much a pixel that does not fit counts; the bend of each is `cut` robust standard deviations.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, pegbar_engine::Setting)]
 pub enum Robust {
     /// Least squares, as printed in the paper.
     None,
@@ -61,7 +61,7 @@ pub enum Robust {
 }
 
 /// What the differences are taken of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, pegbar_engine::Setting)]
 pub enum Tone {
     /// The samples as they are.
     Linear,
@@ -71,7 +71,7 @@ pub enum Tone {
 }
 
 /// Where the first guesses come from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, pegbar_engine::Setting)]
 pub enum Guess {
     /// The motions before, and the moments of the matte where there is one; the best fit wins.
     #[default]

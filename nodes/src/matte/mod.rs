@@ -1,0 +1,5 @@
+//! Mattes: how much of each pixel belongs to a layer.
+
+mod color_clusters;
+
+pub(crate) use color_clusters::MatteColorClusters;

@@ -1,0 +1,5 @@
+//! Trackers: where a region of a reference frame is in every other.
+
+mod affine;
+
+pub(crate) use affine::TrackAffine;
