@@ -474,7 +474,7 @@ impl<'a> Run<'a> {
             briefs.clear();
             let (args, state) = self.args(task, briefs);
             let frame = node.clock.first + i64::from(task.index);
-            let cx = Context { frame, clock: &node.clock, cancel: &self.options.cancel };
+            let cx = Context { frame, clock: &node.clock, input_clocks: &node.input_clocks, cancel: &self.options.cancel };
             let start = Instant::now();
             let result =
                 catch_unwind(AssertUnwindSafe(|| node.ty.operator.compute(args, state, &cx))).unwrap_or_else(|p| Err(panicked(p.as_ref())));

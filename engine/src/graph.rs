@@ -40,6 +40,8 @@ pub struct GraphNode {
     pub per_frame: bool,
     /// The clock of its outputs.
     pub clock: Arc<Clock>,
+    /// The clock of each input that is wired to a stream.
+    pub input_clocks: Vec<(&'static str, Arc<Clock>)>,
     /// Value type of each output.
     pub output_types: Vec<String>,
     /// File in which it is written.

@@ -749,11 +749,18 @@ pub struct Context<'a> {
     pub frame: i64,
     /// The clock of the node's outputs.
     pub clock: &'a Clock,
+    /// The clock of each input that is wired to a stream.
+    pub input_clocks: &'a [(&'static str, Arc<Clock>)],
     /// To be asked now and then by whatever takes long.
     pub cancel: &'a Cancel,
 }
 
 impl Context<'_> {
+    /// The clock of what is wired to `input`; the node's own where that is a single value.
+    pub fn input_clock(&self, input: &str) -> &Clock {
+        self.input_clocks.iter().find(|(name, _)| *name == input).map_or(self.clock, |(_, clock)| clock)
+    }
+
     /// To be called now and then by whatever takes long.
     ///
     /// # Errors

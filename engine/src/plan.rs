@@ -267,7 +267,7 @@ impl Planner<'_> {
         let cancel = Cancel::default();
         while let Some(task) = queue.pop() {
             let frame = spec.clock.first + task as i64;
-            let cx = Context { frame, clock: &spec.clock, cancel: &cancel };
+            let cx = Context { frame, clock: &spec.clock, input_clocks: &spec.input_clocks, cancel: &cancel };
             let needs =
                 spec.ty.operator.needs(args.clone(), &inputs, &cx).map_err(|error| PlanError { node, frame: Some(frame), error })?;
             for (slot, frames) in asked.frames.iter_mut().zip(needs.frames) {

@@ -5,6 +5,7 @@ pub mod data;
 mod image;
 mod matte;
 mod registry;
+mod time;
 mod track;
 
 pub use registry::registry;

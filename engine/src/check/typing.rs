@@ -390,16 +390,25 @@ impl Checker<'_> {
         }
     }
 
+    /// The clock of each input of a node that is wired to a stream.
+    fn input_clocks(&self, node: usize, typed: &[Typed]) -> Vec<(&'static str, Arc<Clock>)> {
+        let Some(ty) = &self.nodes[node].ty else { return Vec::new() };
+        let streams = typed[node].wires.iter().filter(|(_, port, _)| !self.is_single(*port, typed));
+        streams.filter_map(|(i, port, _)| Some((ty.schema.inputs[*i].name, typed[port.node].clock.clone()?))).collect()
+    }
+
     fn assemble(&mut self, main: usize, typed: Vec<Typed>, outputs: Vec<(String, Port)>) -> Option<Graph> {
         let fallback = Arc::new(Clock { name: "frames".to_owned(), first: 1, last: 1, fps: (24, 1) });
+        let mut input_clocks: Vec<_> = (0..typed.len()).map(|node| self.input_clocks(node, &typed)).collect();
         let mut nodes = Vec::with_capacity(typed.len());
-        for (source, t) in self.nodes.iter().zip(typed) {
+        for ((source, t), input_clocks) in self.nodes.iter().zip(typed).zip(input_clocks.drain(..)) {
             nodes.push(GraphNode {
                 name: source.name.clone(),
                 ty: source.ty.clone()?,
                 inputs: t.bindings,
                 per_frame: t.per_frame,
                 clock: t.clock.unwrap_or_else(|| fallback.clone()),
+                input_clocks,
                 output_types: t.types,
                 file: source.at.file,
                 span: source.at.span,

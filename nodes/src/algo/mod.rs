@@ -6,6 +6,7 @@ pub mod color_clusters;
 pub mod filter;
 pub mod generate;
 pub mod grade;
+pub mod holds;
 pub mod merge;
 pub mod paint;
 pub mod raster;

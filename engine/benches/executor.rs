@@ -1,0 +1,65 @@
+//! What the executor itself costs: a chain of 1,000 trivial nodes over 100 frames, on one thread. Divide by 100,000 for one task.
+
+use std::path::Path;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use pegbar_engine::check::{LoadOptions, load_text};
+use pegbar_engine::exec::{Options, execute};
+use pegbar_engine::node::{Context, In, NodeError, PerFrame};
+use pegbar_engine::plan::Target;
+use pegbar_engine::registry::Registry;
+use pegbar_engine::value::Curve;
+use pegbar_engine::{Node, Outputs};
+
+/// One number.
+#[derive(Outputs)]
+struct Number {
+    /// It.
+    value: Curve,
+}
+
+/// The number of the frame.
+#[derive(Node)]
+#[node(id = "bench.frame", version = 1, outputs = Number, uses_frame)]
+struct FrameNumber {}
+
+impl PerFrame for FrameNumber {
+    fn run(self, cx: &Context) -> Result<Number, NodeError> {
+        Ok(Number { value: Curve { value: cx.frame as f64 } })
+    }
+}
+
+/// One more than its input.
+#[derive(Node)]
+#[node(id = "bench.next", version = 1, outputs = Number)]
+struct Next {
+    /// A number.
+    input: In<Curve>,
+}
+
+impl PerFrame for Next {
+    fn run(self, _cx: &Context) -> Result<Number, NodeError> {
+        Ok(Number { value: Curve { value: self.input.value + 1.0 } })
+    }
+}
+
+fn chain(criterion: &mut Criterion) {
+    let nodes: Vec<String> = (1..1000).map(|i| format!("\"n{i}\": (type: \"bench.next\", input: \"@n{}\")", i - 1)).collect();
+    let text = format!(
+        "Graph(pegbar: 1, frames: (first: 1, last: 100, fps: 24), nodes: {{ \"n0\": (type: \"bench.frame\"), {} }})",
+        nodes.join(", ")
+    );
+    let registry = Registry::new().per_frame::<FrameNumber>().per_frame::<Next>();
+    let Some(graph) = load_text(Path::new("chain.ron"), &text, &registry, &LoadOptions::default()).graph else { return };
+    let target = Target { node: 999, frames: None };
+    let mut group = criterion.benchmark_group("executor");
+    group.throughput(Throughput::Elements(100_000));
+    group.sample_size(20);
+    group.bench_function("chain of 1,000 nodes, 100 frames, one thread", |b| {
+        b.iter(|| execute(&graph, std::slice::from_ref(&target), &[], &Options::default()).map(|r| r.is_complete()));
+    });
+    group.finish();
+}
+
+criterion_group!(benches, chain);
+criterion_main!(benches);
