@@ -4,6 +4,8 @@ use nalgebra::Matrix2;
 use proptest::prelude::*;
 
 use super::scene::{BOX, CENTRE, Random, SIZE, corner_error, render, warp};
+use super::solve::distance;
+use super::start::shifted;
 use super::*;
 use crate::algo::raster::{apply, compose, invert};
 
