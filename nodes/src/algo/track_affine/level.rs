@@ -3,9 +3,9 @@
 use multiversion::multiversion;
 use nalgebra::Vector2;
 
+use super::options::{Options, Robust};
 use super::planes::{Planes, filtered, gaussian_taps};
 use super::solve::Sums;
-use super::{Robust, Tracking};
 use crate::algo::raster::{Affine, apply};
 
 /// Lanes of every reduction: fixed, so that the bits do not depend on the processor.
@@ -221,7 +221,7 @@ impl Level {
     }
 
     /// The sums of equation (12) over the last sampled residuals, with robust weights.
-    pub(super) fn sums(&self, fit: &Fit, how: &Tracking, scratch: &mut Scratch) -> Sums {
+    pub(super) fn sums(&self, fit: &Fit, how: &Options, scratch: &mut Scratch) -> Sums {
         let cut = how.cut * fit.scale.max(LEAST_SCALE * self.contrast);
         weigh(&mut scratch.robust, &scratch.valid, &scratch.norm, how.robust, cut as f32);
         let mut sums = Sums::default();

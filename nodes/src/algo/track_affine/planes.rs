@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use super::Tone;
+use super::options::Tone;
 use crate::algo::raster::Raster;
 
 /// Pixels of one pyramid level of a crop, one plane a channel.

@@ -14,6 +14,16 @@ pub(super) struct Moments {
     pub(super) spread: Matrix2<f64>,
 }
 
+impl Moments {
+    /// True for a point (pixels) that is four deviations or more from the centroid: the rim of a uniform disc is at two.
+    pub(super) fn is_stray(&self, x: f64, y: f64) -> bool {
+        let d = Vector2::new(x, y) - self.centre;
+        let [[a, b], [_, c]] = self.spread.data.0;
+        let det = a * c - b * b;
+        det > 0.0 && (c * d.x * d.x - 2.0 * b * d.x * d.y + a * d.y * d.y) > 16.0 * det
+    }
+}
+
 /// Side of the cells that a matte is summed over before its moments are taken.
 const CELL: usize = 4;
 /// Squared Mahalanobis distance beyond which a cell counts as a stray speck: a uniform disc ends at 4.

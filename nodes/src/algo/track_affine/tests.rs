@@ -3,7 +3,9 @@
 use nalgebra::Matrix2;
 use proptest::prelude::*;
 
-use super::scene::{BOX, CENTRE, Random, SIZE, corner_error, render, warp};
+use super::scene::{Random, SIZE, corner_error, render, warp};
+use super::solve::distance;
+use super::start::shifted;
 use super::*;
 use crate::algo::raster::{apply, compose, invert};
 
@@ -12,10 +14,6 @@ const GRAIN: f64 = 0.008;
 
 fn rgb(data: &[f32]) -> Raster<'_> {
     Raster::new(data, SIZE.0, SIZE.1, 3).unwrap()
-}
-
-fn hat_box() -> Region<'static> {
-    Region::Box([CENTRE[0] + BOX[0], CENTRE[1] + BOX[1], CENTRE[0] + BOX[2], CENTRE[1] + BOX[3]])
 }
 
 /// A smooth texture of `w` by `h` pixels, seen through `motion` (frame from reference), one channel.

@@ -1,0 +1,260 @@
+//! One attempt at one frame: from the first guesses down the pyramid.
+
+use super::level::{Fit, Level, Scratch};
+use super::planes::{Key, Planes, Window, crop, gaussian_taps, pyramid, smoothed};
+use super::region::{has_finite, window_of};
+use super::solve::{distance, increment, project, solve, update};
+use super::start::{moved_bounds, shifted};
+use super::{Status, Template, Track};
+use crate::algo::raster::{Affine, Raster, apply, identity};
+
+/// Share of the region that must be on the frame.
+const LEAST_OVERLAP: f64 = 0.2;
+/// Starts that are refined at the coarsest level.
+const REFINED: usize = 3;
+/// Starts that are refined when nothing has fitted yet.
+const REFINED_WIDE: usize = 8;
+/// Cost at the coarsest level under which a guess is taken without a search.
+const FITS: f64 = 0.12;
+/// Cost at the coarsest level under which no other start can do much better.
+const FITS_WELL: f64 = 0.03;
+/// Condition number beyond which a direction counts as unseen.
+const UNSEEN: f64 = 1e6;
+
+/// What is looked at: a frame, and its matte where the frame is keyed.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    pub(super) frame: Raster<'a>,
+    pub(super) matte: Option<&'a [f32]>,
+}
+
+/// One way to look for the region.
+#[derive(Default)]
+pub(super) struct Attempt {
+    /// How far the grid of shifts reaches, in pixels.
+    pub(super) radius: f64,
+    /// With the key, where there is one.
+    pub(super) keyed: bool,
+    /// From turned and scaled copies of the first guess, each shifted.
+    pub(super) turned: bool,
+    /// Only when the region is clearly lost: this way is costly.
+    pub(super) lost: bool,
+    /// Give up after the coarsest level where nothing fits well.
+    pub(super) bail: bool,
+}
+
+/// One attempt at one frame.
+pub(super) struct Run<'a> {
+    pub(super) template: &'a Template,
+    pub(super) view: View<'a>,
+    pub(super) levels: &'a [Level],
+    pub(super) size: [usize; 2],
+    pub(super) scratch: Scratch,
+    pub(super) iterations: usize,
+}
+
+/// A motion after some iterations.
+#[derive(Clone, Copy)]
+struct Refined {
+    motion: Affine,
+    status: Status,
+    fit: Fit,
+    condition: f64,
+}
+
+impl Run<'_> {
+    /// The pyramid of the frame over the guesses' boxes, grown by `margin` pixels; `None` where they are all off the frame.
+    fn planes(&self, guesses: &[Affine], margin: f64) -> Option<(Window, Vec<Planes>)> {
+        let template = self.template;
+        let block = 1i64 << (self.levels.len() - 1);
+        let around = guesses
+            .iter()
+            .map(|m| moved_bounds(m, template.bounds))
+            .reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])?;
+        let window = window_of(around, margin.min(1e9)).aligned(block, self.size[0], self.size[1])?;
+        let key = self.view.matte.map(|matte| Key { matte, behind: &template.behind, amplitude: template.amplitude });
+        let fine = crop(self.view.frame, &template.used, window, template.options.tone, key.as_ref());
+        Some((window, pyramid(fine, self.levels.len())))
+    }
+
+    /// From the coarsest level to the finest.
+    pub(super) fn descend(&mut self, guesses: &[Affine], how: &Attempt) -> Track {
+        let options = &self.template.options;
+        let (taps, _) = gaussian_taps(options.sigma);
+        let top = self.levels.len() - 1;
+        let coarsest = self.levels[top].step;
+        let first = guesses[0];
+        let margin = (2.0 + 2.0 * options.sigma) * coarsest;
+        let Some((window, mut all)) = self.planes(guesses, margin + how.radius) else { return failed(first, Status::OffFrame) };
+        if !has_finite(self.view.frame, window) {
+            return failed(first, Status::NotFinite);
+        }
+        let whole = Window { x0: i64::MIN / 4, y0: i64::MIN / 4, x1: i64::MAX / 4, y1: i64::MAX / 4 };
+        let coarse = smoothed(&all[top], whole, &taps);
+        let (cost, mut at) = self.choose(&coarse, guesses, how);
+        if how.bail && cost > FITS {
+            return Track { iterations: self.iterations, ..failed(first, Status::Unlike) };
+        }
+        // The iterations may have left the crop: the finer levels need all of the region.
+        let needed = window_of(moved_bounds(&at.motion, self.template.bounds), 0.5 * coarsest);
+        if !window.covers(&needed, self.size) {
+            match self.planes(&[at.motion], margin) {
+                Some((_, found)) => all = found,
+                None => return failed(first, Status::OffFrame),
+            }
+        }
+        for l in (0..top).rev() {
+            let step = self.levels[l].step;
+            let part = window_of(moved_bounds(&at.motion, self.template.bounds), 6.0 * step);
+            let frame = smoothed(&all[l], part, &taps);
+            at = self.refine(l, &frame, at.motion);
+            if matches!(at.status, Status::Textureless | Status::OffFrame) {
+                break;
+            }
+        }
+        if matches!(at.status, Status::Textureless | Status::OffFrame) {
+            return Track { iterations: self.iterations, ..failed(first, at.status) };
+        }
+        let dissimilarity = self.levels[0].dissimilarity(&self.scratch);
+        let mut status = at.status;
+        if status == Status::Converged && at.condition > UNSEEN {
+            status = Status::Underdetermined;
+        }
+        if dissimilarity > options.max_dissimilarity {
+            status = Status::Unlike;
+        }
+        Track {
+            motion: at.motion,
+            status,
+            iterations: self.iterations,
+            residual: at.fit.scale,
+            dissimilarity,
+            condition: at.condition,
+            overlap: at.fit.overlap,
+        }
+    }
+
+    /// The cost of a placement at the coarsest level.
+    fn cost(&mut self, frame: &Planes, motion: &Affine) -> f64 {
+        let level = &self.levels[self.levels.len() - 1];
+        level.sample(frame, self.size, motion, &mut self.scratch);
+        if self.template.options.gain {
+            level.remove_gain(&mut self.scratch);
+        }
+        level.cost(&self.scratch)
+    }
+
+    /// All starts with their costs at the coarsest level, best first.
+    fn starts(&mut self, frame: &Planes, guesses: &[Affine], how: &Attempt) -> Vec<(f64, Affine)> {
+        let mut starts: Vec<(f64, Affine)> = guesses.iter().map(|m| (self.cost(frame, m), *m)).collect();
+        let best = starts.iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|s| s.1);
+        let around: Vec<Affine> = if how.turned { guesses.to_vec() } else { best.into_iter().collect() };
+        for guess in around {
+            for (dx, dy) in self.grid(frame, &guess, how.radius, if how.turned { 2.0 } else { 1.0 }) {
+                let m = shifted(&guess, dx, dy);
+                starts.push((self.cost(frame, &m), m));
+            }
+        }
+        starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        starts
+    }
+
+    /// The best `most` of the starts that are well apart.
+    fn pick(&self, starts: &[(f64, Affine)], apart: f64, most: usize) -> Vec<Affine> {
+        let mut picked: Vec<Affine> = Vec::new();
+        for (_, m) in starts {
+            if picked.len() < most && picked.iter().all(|p| distance(p, m, self.template.bounds) > apart) {
+                picked.push(*m);
+            }
+        }
+        picked
+    }
+
+    /// Compares all starts at the coarsest level, refines the best few, and keeps the one that fits best, with its cost.
+    fn choose(&mut self, frame: &Planes, guesses: &[Affine], how: &Attempt) -> (f64, Refined) {
+        let top = self.levels.len() - 1;
+        let starts = self.starts(frame, guesses, how);
+        let picked = self.pick(&starts, 1.5 * frame.step, if how.turned { REFINED_WIDE } else { REFINED });
+        let mut best: Option<(f64, Refined, usize)> = None;
+        for m in picked {
+            self.iterations = 0;
+            let refined = self.refine(top, frame, m);
+            let cost = self.cost(frame, &refined.motion);
+            if best.as_ref().is_none_or(|b| cost < b.0) {
+                best = Some((cost, refined, self.iterations));
+            }
+            if cost < FITS_WELL {
+                break;
+            }
+        }
+        let Some((cost, refined, iterations)) = best else {
+            let none = Refined { motion: guesses[0], status: Status::OffFrame, fit: Fit::default(), condition: f64::NAN };
+            return (1.0, none);
+        };
+        self.iterations = iterations;
+        if top == 0 {
+            // The residuals of the chosen one are read after the last level.
+            self.cost(frame, &refined.motion);
+        }
+        (cost, refined)
+    }
+
+    /// Shifts of every `stride`-th sample of the coarsest level that keep the region's centre within `radius` and on the crop.
+    fn grid(&self, frame: &Planes, around: &Affine, radius: f64, stride: f64) -> Vec<(f64, f64)> {
+        let centre = apply(around, self.template.centre.into());
+        let step = frame.step * stride;
+        let reach = |axis: usize, n: usize| {
+            let low = (frame.origin[axis] - centre[axis]).max(-radius) / step;
+            let high = (frame.origin[axis] + n as f64 * frame.step - centre[axis]).min(radius) / step;
+            (libm::ceil(low).max(-1e4) as i64, libm::floor(high).min(1e4) as i64)
+        };
+        let ((x0, x1), (y0, y1)) = (reach(0, frame.width), reach(1, frame.height));
+        (y0..=y1).flat_map(|j| (x0..=x1).map(move |i| (i as f64 * step, j as f64 * step))).filter(|d| *d != (0.0, 0.0)).collect()
+    }
+
+    /// Gauss-Newton at one level.
+    fn refine(&mut self, l: usize, frame: &Planes, start: Affine) -> Refined {
+        let (template, level) = (self.template, &self.levels[l]);
+        let options = &template.options;
+        let tolerance = if l == 0 { options.tolerance } else { options.tolerance.max(0.04 * level.step) };
+        let too_far = template.scale;
+        let mut at = Refined { motion: start, status: Status::Unfinished, fit: Fit::default(), condition: f64::NAN };
+        let mut last = None;
+        for _ in 0..options.iterations {
+            self.iterations += 1;
+            let overlap = level.sample(frame, self.size, &at.motion, &mut self.scratch);
+            if overlap < LEAST_OVERLAP {
+                return Refined { motion: start, status: Status::OffFrame, ..at };
+            }
+            if options.gain {
+                level.remove_gain(&mut self.scratch);
+            }
+            at.fit = level.fit(overlap, &mut self.scratch);
+            let sums = level.sums(&at.fit, options, &mut self.scratch);
+            let Some(step) = solve(&sums, options.model, false) else {
+                return Refined { motion: start, status: Status::Textureless, ..at };
+            };
+            last = Some(sums);
+            let step = increment(&step.theta, options.model, template.centre, template.scale);
+            let moved = distance(&step, &identity(), template.bounds);
+            let Some(next) = update(&at.motion, &step).filter(|_| moved <= too_far) else {
+                at.motion = start;
+                break;
+            };
+            at.motion = project(&next, options.model, template.centre);
+            if moved <= tolerance {
+                at.status = Status::Converged;
+                break;
+            }
+        }
+        if l == 0 {
+            at.condition = last.and_then(|s| solve(&s, options.model, true)).map_or(f64::NAN, |s| s.condition);
+        }
+        at
+    }
+}
+
+/// The answer where nothing was found: the first guess, and why.
+pub(super) fn failed(motion: Affine, status: Status) -> Track {
+    Track { motion, status, iterations: 0, residual: f64::NAN, dissimilarity: f64::INFINITY, condition: f64::NAN, overlap: 0.0 }
+}
