@@ -591,8 +591,10 @@ fn mixed_color<'a>(image: Raster<'a>, mix: Mix) -> impl Fn(usize) -> [f32; 3] + 
 /// Cuts the matte at one half, tidies its regions, and sets what changed sides.
 fn tidy_mask(image: Raster<'_>, options: &Options, out: &mut [f32]) -> Vec<bool> {
     let mut mask: Vec<bool> = out.iter().map(|p| *p > 0.5).collect();
-    if options.ink > 0.0 {
-        regions::join_blends(&mut mask, image.width, mixed_color(image, options.mix), 0.03);
+    if options.edge > 0.0 {
+        let color = mixed_color(image, options.mix);
+        let tolerance = 0.02 + 3.0 * grain(image, &color);
+        regions::join_blends(&mut mask, out, image.width, options.clip.1 as f32, color, tolerance);
     }
     let rules = regions::Tidy { min_area: options.min_area, max_hole: options.fill_holes, largest_only: options.largest_component };
     regions::tidy(&mut mask, image.width, rules);
