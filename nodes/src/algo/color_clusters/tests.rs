@@ -29,11 +29,21 @@ struct Scene {
     light: fn(f64) -> f64,
 }
 
-const GREEN: Scene =
-    Scene { ground: [[0.24, 0.43, 0.27], [0.59, 0.67, 0.47], [0.47, 0.55, 0.7]], fills: [[0.1, 0.2, 0.8], [0.9, 0.8, 0.2]], ink: true, grain: 3.0, light: |_| 1.0 };
+const GREEN: Scene = Scene {
+    ground: [[0.24, 0.43, 0.27], [0.59, 0.67, 0.47], [0.47, 0.55, 0.7]],
+    fills: [[0.1, 0.2, 0.8], [0.9, 0.8, 0.2]],
+    ink: true,
+    grain: 3.0,
+    light: |_| 1.0,
+};
 /// The ground comes near the colours of the layer.
-const BROWN: Scene =
-    Scene { ground: [[0.5, 0.35, 0.2], [0.7, 0.55, 0.35], [0.35, 0.3, 0.25]], fills: [[0.55, 0.28, 0.13], [0.85, 0.75, 0.2]], ink: true, grain: 2.0, light: |_| 1.0 };
+const BROWN: Scene = Scene {
+    ground: [[0.5, 0.35, 0.2], [0.7, 0.55, 0.35], [0.35, 0.3, 0.25]],
+    fills: [[0.55, 0.28, 0.13], [0.85, 0.75, 0.2]],
+    ink: true,
+    grain: 2.0,
+    light: |_| 1.0,
+};
 
 /// Approximately normal numbers from a counter.
 struct Noise(u64);
@@ -147,7 +157,8 @@ fn a_rough_hint_and_a_box_do_as_well() {
     let mut outside: Vec<bool> = first.truth.iter().map(|t| *t < 1.0).collect();
     regions::dilate(&mut outside, WIDTH, 1);
     let rough: Vec<f32> = (0..sure.len()).map(|i| if !sure[i] { 0.0 } else { 0.5 + 0.5 * f32::from(!outside[i]) }).collect();
-    let boxed: Vec<f32> = (0..sure.len()).map(|i| if (35..125).contains(&(i % WIDTH)) && (28..104).contains(&(i / WIDTH)) { 0.5 } else { 0.0 }).collect();
+    let boxed: Vec<f32> =
+        (0..sure.len()).map(|i| if (35..125).contains(&(i % WIDTH)) && (28..104).contains(&(i / WIDTH)) { 0.5 } else { 0.0 }).collect();
     for (hint, floor) in [(rough, 0.98), (boxed, 0.9)] {
         for (frame, out, _) in run(&GREEN, 0..3, Seed::Hint(&hint), 0.5, &Options::default()) {
             let score = iou(&out, &frame.truth);
@@ -190,7 +201,8 @@ fn the_posterior_is_that_of_the_mixtures() {
         for i in (0..out.len()).step_by(37) {
             let rgb = [frame.data[3 * i], frame.data[3 * i + 1], frame.data[3 * i + 2]];
             let x = kernel::coordinates(space, rgb).map(f64::from);
-            let (f, b) = (layer * density(&model.foreground, x) + model.floors()[0], ground * density(&model.background, x) + model.floors()[1]);
+            let (f, b) =
+                (layer * density(&model.foreground, x) + model.floors()[0], ground * density(&model.background, x) + model.floors()[1]);
             let expected = f / (f + b);
             // The distance of a colour from a cluster squares the rounding of its `f32` coordinates.
             assert!((f64::from(out[i]) - expected).abs() < 2e-3, "{space:?}, pixel {i}: expected {expected}, found {}", out[i]);
@@ -236,7 +248,12 @@ fn a_rate_of_nothing_keeps_the_model() {
     // Without a pixel of the layer the layer's clusters stay.
     let gone = adapt(frame.raster(), &vec![0.0; WIDTH * HEIGHT], &model, 1.0, &options).unwrap();
     assert_eq!(gone.foreground, model.foreground);
-    assert!(adapt(frame.raster(), &frame.truth, &model, 1.5, &options).unwrap_err().to_string().starts_with("expected adapt from 0 to 1, found 1.5"));
+    assert!(
+        adapt(frame.raster(), &frame.truth, &model, 1.5, &options)
+            .unwrap_err()
+            .to_string()
+            .starts_with("expected adapt from 0 to 1, found 1.5")
+    );
 }
 
 #[test]
@@ -245,15 +262,27 @@ fn bad_input_is_refused_with_its_reason() {
     let text = |seed: Seed<'_>, options: &Options| fit(frame.raster(), seed, options).unwrap_err().to_string();
     let options = Options::default();
     assert_eq!(text(Seed::Hint(&[1.0]), &options), "expected a matte of 16128 samples, found 1; it must have the size of the picture");
-    assert_eq!(text(Seed::Colours(&[[0.1, 2.0, 0.0]]), &options), "expected foreground colours of three sRGB values from 0 to 1, found (0.1, 2, 0)");
+    assert_eq!(
+        text(Seed::Colours(&[[0.1, 2.0, 0.0]]), &options),
+        "expected foreground colours of three sRGB values from 0 to 1, found (0.1, 2, 0)"
+    );
     let none = "expected pixels of the layer in the first frame, found 0; pick `foreground` colours from the picture";
     assert_eq!(text(Seed::Colours(&[]), &options), none);
     assert_eq!(text(Seed::Colours(&[[1.0, 0.0, 1.0]]), &options), none);
     let (white, black) = (vec![1.0; WIDTH * HEIGHT], vec![0.0; WIDTH * HEIGHT]);
-    assert_eq!(text(Seed::Hint(&white), &options), "expected pixels of the ground in the first frame, found 0; paint the ground black in the hint");
-    assert_eq!(text(Seed::Hint(&black), &options), "expected pixels of the layer in the first frame, found 0; paint the layer white in the hint");
+    assert_eq!(
+        text(Seed::Hint(&white), &options),
+        "expected pixels of the ground in the first frame, found 0; paint the ground black in the hint"
+    );
+    assert_eq!(
+        text(Seed::Hint(&black), &options),
+        "expected pixels of the layer in the first frame, found 0; paint the layer white in the hint"
+    );
     assert_eq!(text(Seed::Hint(&white), &Options { clusters: 0, ..options.clone() }), "expected clusters from 1 to 32, found 0");
-    assert_eq!(text(Seed::Hint(&white), &Options { smoothness: f64::NAN, ..options.clone() }), "expected smoothness from 0 to 100, found NaN");
+    assert_eq!(
+        text(Seed::Hint(&white), &Options { smoothness: f64::NAN, ..options.clone() }),
+        "expected smoothness from 0 to 100, found NaN"
+    );
     let empty = Raster { data: &[], width: 0, height: 4, channels: 3 };
     assert_eq!(
         fit(empty, Seed::Hint(&[]), &options).unwrap_err().to_string(),
@@ -266,7 +295,9 @@ fn bad_input_is_refused_with_its_reason() {
 #[test]
 fn strange_pictures_survive() {
     let frame = GREEN.frame(0);
-    for options in [Options::default(), plain(), Options { smoothness: 100.0, edge: 16.0, ink: 1e6, fill_holes: f64::INFINITY, ..Options::default() }] {
+    for options in
+        [Options::default(), plain(), Options { smoothness: 100.0, edge: 16.0, ink: 1e6, fill_holes: f64::INFINITY, ..Options::default() }]
+    {
         let model = fit(frame.raster(), Seed::Colours(&GREEN.fills), &options).unwrap();
         for (width, height, channels) in [(1, 1, 3), (1, 9, 3), (9, 1, 4), (3, 2, 1), (2, 2, 2), (257, 3, 3)] {
             for value in [f32::NAN, f32::INFINITY, -1.0, 0.0, 0.5, 1e30] {
