@@ -223,7 +223,7 @@ pub fn srgb_u16_from_linear(v: f32) -> u16 {
 
 #[inline(always)]
 fn encode_u16(thresholds: &[f32], v: f32) -> u16 {
-    if !(v > 0.0) {
+    if v.is_nan() || v <= 0.0 {
         return 0;
     }
     if v >= 1.0 {

@@ -544,26 +544,25 @@ pub fn alpha(image: Raster<'_>, model: &Model, options: &Options, out: &mut [f32
         return Err(MatteError::Size { expected: n, found: out.len() });
     }
     let planes = kernel::planes(image, model.space);
-    let (layer, ink, log_likelihood) = kernel::posterior(&planes, &kernel::PackedModel::new(model));
-    out.copy_from_slice(&layer);
-    let ambiguity = layer.iter().map(|p| f64::from(p.min(1.0 - p))).sum::<f64>() / n as f64;
+    let (ink, log_likelihood) = kernel::posterior(&planes, &kernel::PackedModel::new(model), out);
+    let (_, ambiguity) = kernel::mean_and_ambiguity(out);
     give_ink(out, &ink, image.width, options);
     if options.smoothness > 0.0 {
         kernel::log_odds(out);
         field::smooth(out, &planes, image.width, image.height, options.smoothness, options.min_sigma * options.min_sigma);
     }
     let mask = tidy_mask(image, options, out);
-    clip(out, options.clip);
+    kernel::clip(out, options.clip.0 as f32, options.clip.1 as f32);
     if options.edge > 0.0 {
         solve_edge(image, model, options, &mask, out);
     }
-    let area = out.iter().map(|a| f64::from(*a)).sum::<f64>() / n as f64;
+    let (area, _) = kernel::mean_and_ambiguity(out);
     Ok(Status { area, log_likelihood: log_likelihood / n as f64, ambiguity })
 }
 
 /// Adds the probability of ink to the layer where the ink is the layer's.
 fn give_ink(out: &mut [f32], ink: &[f32], width: usize, options: &Options) {
-    if ink.is_empty() || !(options.ink > 0.0) {
+    if ink.is_empty() || options.ink <= 0.0 {
         return;
     }
     // A speck of grain with the colour of the layer owns no ink.
@@ -591,8 +590,10 @@ fn mixed_color<'a>(image: Raster<'a>, mix: Mix) -> impl Fn(usize) -> [f32; 3] + 
 /// Cuts the matte at one half, tidies its regions, and sets what changed sides.
 fn tidy_mask(image: Raster<'_>, options: &Options, out: &mut [f32]) -> Vec<bool> {
     let mut mask: Vec<bool> = out.iter().map(|p| *p > 0.5).collect();
-    if options.ink > 0.0 {
-        regions::join_blends(&mut mask, image.width, mixed_color(image, options.mix), 0.03);
+    if options.edge > 0.0 {
+        let color = mixed_color(image, options.mix);
+        let tolerance = 0.02 + 3.0 * grain(image, &color);
+        regions::join_blends(&mut mask, out, image.width, options.clip.1 as f32, color, tolerance);
     }
     let rules = regions::Tidy { min_area: options.min_area, max_hole: options.fill_holes, largest_only: options.largest_component };
     regions::tidy(&mut mask, image.width, rules);
@@ -602,14 +603,6 @@ fn tidy_mask(image: Raster<'_>, options: &Options, out: &mut [f32]) -> Vec<bool>
         }
     }
     mask
-}
-
-/// Stretches probabilities so that `low` becomes 0 and `high` 1.
-fn clip(out: &mut [f32], (low, high): (f64, f64)) {
-    let (low, scale) = (low as f32, (1.0 / (high - low).max(1e-6)) as f32);
-    for v in out {
-        *v = ((*v - low) * scale).clamp(0.0, 1.0);
-    }
 }
 
 /// Solves the band of mixed pixels.

@@ -160,7 +160,7 @@ impl<C: Fn(usize) -> [f32; 3]> Band<'_, C> {
     fn project(&self, color: [f32; 3], layer: [f32; 3], ground: [f32; 3]) -> Option<(f32, f32)> {
         let (d, e) = (sub(layer, ground), sub(color, ground));
         let length = dot(d, d).sqrt();
-        if !(length > MIN_CONTRAST * self.grain) {
+        if length.is_nan() || length <= MIN_CONTRAST * self.grain {
             return None;
         }
         let t = dot(e, d) / (length * length);

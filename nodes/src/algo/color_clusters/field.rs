@@ -8,6 +8,11 @@ use super::kernel::{Planes, exp2_f32, sigmoid_f32};
 /// Rounds of the mean field: a disturbance is felt as many pixels away.
 const ROUNDS: usize = 6;
 
+/// Pixels of a row that are worked on or left alone together.
+const SEGMENT: usize = 32;
+/// Log odds beyond which a pixel among its like is not asked again.
+const SURE: f32 = 4.0;
+
 /// A plane with a border of one sample, in which pixel (x, y) is at (y + 1) · stride + x + 1.
 struct Padded {
     width: usize,
@@ -38,20 +43,26 @@ fn contrast_scale(p: &Planes, width: usize, height: usize, floor_sq: f64) -> f32
     (0.5 / (sum / n.max(1.0)).max(floor_sq)) as f32
 }
 
-/// Replaces log odds by probabilities that agree with their neighbours, in place. `strength` is the log odds that one neighbour of the same colour is worth. O(pixels).
+/// Replaces log odds by probabilities that agree with their neighbours, in place. `strength` is the log odds that one neighbour of the same colour is worth.
+///
+/// Only segments of rows with a doubt or a border in or beside them are worked on; elsewhere all pixels are of one mind already. O(pixels).
 pub(super) fn smooth(log_odds: &mut [f32], planes: &Planes, width: usize, height: usize, strength: f64, floor_sq: f64) {
     let grid = Padded { width, height, stride: width + 2 };
     let scale = contrast_scale(planes, width, height, floor_sq);
-    let links = links(planes, &grid, scale, strength as f32);
-    let (mut now, mut next) = (grid.zeros(), grid.zeros());
+    let active = active_segments(log_odds, width);
+    // The links of a pixel to the left and above belong to the segments there.
+    let linked = grow(&active, width.div_ceil(SEGMENT), 1);
+    let links = links(planes, &grid, &linked, scale, strength as f32);
+    let mut now = grid.zeros();
     for y in 0..height {
         let s = grid.start(y);
         spins(&log_odds[y * width..(y + 1) * width], &mut now[s..s + width]);
     }
+    let mut next = now.clone();
     for _ in 0..ROUNDS {
-        for y in 0..height {
-            let s = grid.start(y);
-            round(&log_odds[y * width..(y + 1) * width], &now, &links, &grid, s, &mut next[s..s + width]);
+        for (y, from, to) in spans(&active, width) {
+            let s = grid.start(y) + from;
+            round(&log_odds[y * width + from..y * width + to], &now, &links, &grid, s, &mut next[s..s + to - from]);
         }
         std::mem::swap(&mut now, &mut next);
     }
@@ -63,17 +74,73 @@ pub(super) fn smooth(log_odds: &mut [f32], planes: &Planes, width: usize, height
     }
 }
 
-/// The weight of the link from each pixel to its right, lower left, lower and lower right neighbour; nil across the border.
-fn links(p: &Planes, grid: &Padded, scale: f32, strength: f32) -> [Vec<f32>; 4] {
+/// Whether each segment of each row holds a doubtful pixel, or lies beside one of another mind.
+fn active_segments(log_odds: &[f32], width: usize) -> Vec<bool> {
+    let across = width.div_ceil(SEGMENT);
+    let minds: Vec<i8> = log_odds.chunks(width).flat_map(|row| row.chunks(SEGMENT).map(mind)).collect();
+    let disputed = |i: usize| {
+        let other = |j: Option<usize>| j.and_then(|j| minds.get(j)).is_some_and(|m| *m != minds[i]);
+        minds[i] == 0 || other(i.checked_sub(1)) || other(Some(i + 1)) || other(i.checked_sub(across)) || other(Some(i + across))
+    };
+    let disputed: Vec<bool> = (0..minds.len()).map(disputed).collect();
+    grow(&disputed, across, 2)
+}
+
+/// 1 or −1 for a segment that is surely layer or ground, 0 for a mixed or doubtful one.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn mind(segment: &[f32]) -> i8 {
+    let (mut layer, mut ground) = (true, true);
+    for &u in segment {
+        layer &= u > SURE;
+        ground &= u < -SURE;
+    }
+    i8::from(layer) - i8::from(ground)
+}
+
+/// Segments within one column of a marked one, and within so many rows.
+fn grow(marked: &[bool], across: usize, rows: usize) -> Vec<bool> {
+    let wide = |i: usize| {
+        let x = i % across;
+        marked[i] || (x > 0 && marked[i - 1]) || (x + 1 < across && marked[i + 1])
+    };
+    let wide: Vec<bool> = (0..marked.len()).map(wide).collect();
+    let tall = |i: usize| {
+        let (x, y) = (i % across, i / across);
+        (y.saturating_sub(rows)..(y + rows + 1).min(marked.len() / across)).any(|v| wide[v * across + x])
+    };
+    (0..marked.len()).map(tall).collect()
+}
+
+/// Row, first and past-last column of each run of marked segments.
+fn spans(marked: &[bool], width: usize) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
+    let across = width.div_ceil(SEGMENT);
+    marked
+        .chunks(across.max(1))
+        .enumerate()
+        .flat_map(move |(y, row)| {
+            row.chunk_by(|a, b| a == b).scan(0, move |at, run| {
+                let from = *at;
+                *at += run.len();
+                Some((run[0], y, from * SEGMENT, (*at * SEGMENT).min(width)))
+            })
+        })
+        .filter_map(|(marked, y, from, to)| marked.then_some((y, from, to)))
+}
+
+/// The weight of the link from each pixel to its right, lower left, lower and lower right neighbour; nil across the border and where no pixel needs it.
+fn links(p: &Planes, grid: &Padded, needed: &[bool], scale: f32, strength: f32) -> [Vec<f32>; 4] {
     let mut out = [grid.zeros(), grid.zeros(), grid.zeros(), grid.zeros()];
     let w = grid.width;
     for (link, (dx, dy)) in out.iter_mut().zip([(1isize, 0usize), (-1, 1), (0, 1), (1, 1)]) {
         // A diagonal neighbour is √2 further away.
         let weight = if dx != 0 && dy != 0 { strength * std::f32::consts::FRAC_1_SQRT_2 } else { strength };
-        let (from, to) = (usize::from(dx < 0), w - usize::from(dx > 0 && w > 0));
-        for y in 0..grid.height.saturating_sub(dy) {
-            let (a, b) = (y * w + from, (y * w + from + dy * w).wrapping_add_signed(dx));
-            let n = to.saturating_sub(from);
+        let (first, last) = (usize::from(dx < 0), w - usize::from(dx > 0));
+        for (y, from, to) in spans(needed, w).filter(|(y, ..)| y + dy < grid.height) {
+            let (from, to) = (from.max(first), to.min(last).max(from.max(first)));
+            let (a, b, n) = (y * w + from, (y * w + from + dy * w).wrapping_add_signed(dx), to - from);
+            if n == 0 {
+                continue;
+            }
             let s = grid.start(y) + from;
             link_row(
                 [&p.x[a..a + n], &p.y[a..a + n], &p.z[a..a + n]],

@@ -51,7 +51,7 @@ impl Moments {
 
     /// The normal distribution with these moments, its variances no smaller than `floor_sq`; `None` without samples.
     fn gaussian(&self, about: [f64; 3], weight: f64, floor_sq: f64) -> Option<Gaussian> {
-        if !(self.n > 1e-9) {
+        if self.n.is_nan() || self.n <= 1e-9 {
             return None;
         }
         let d = self.sum.map(|s| s / self.n);
@@ -110,7 +110,8 @@ fn seed_centres(s: Weighted<'_>, k: usize) -> Vec<[f64; 3]> {
     let mut nearest: Vec<f64> = s.points.iter().map(|p| distance_sq(*p, start)).collect();
     while centres.len() < k {
         let mass = nearest.iter().zip(s.weights).map(|(d, w)| d * w);
-        if !(mass.clone().sum::<f64>() > 0.0) {
+        let left: f64 = mass.clone().sum();
+        if left.is_nan() || left <= 0.0 {
             break;
         }
         let mut best = (f64::INFINITY, 0);
@@ -233,7 +234,7 @@ pub(super) fn refine(s: Weighted<'_>, mut side: Vec<Gaussian>, floor_sq: f64, ou
 /// The components between two states of a mixture by their moments: `rate` 0 gives `old`, 1 gives `new`. A component that `new` gives no weight keeps its shape.
 pub(super) fn blend(old: &Gaussian, new: &Gaussian, rate: f64) -> Gaussian {
     let weight = (1.0 - rate) * old.weight + rate * new.weight;
-    if !(new.weight > 0.0) {
+    if new.weight.is_nan() || new.weight <= 0.0 {
         return Gaussian { weight, ..*old };
     }
     let mean: [f64; 3] = std::array::from_fn(|i| (1.0 - rate) * old.mean[i] + rate * new.mean[i]);

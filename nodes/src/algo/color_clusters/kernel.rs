@@ -20,11 +20,11 @@ pub(super) fn exp2_f32(t: f32) -> f32 {
     let t = t.clamp(-126.0, 126.0);
     let shifted = t + MAGIC;
     let f = t - (shifted - MAGIC);
-    let p = 1.540_353e-4_f32;
+    let p = 1.54e-4_f32;
     let p = p * f + 1.333_355_8e-3;
     let p = p * f + 9.618_129e-3;
     let p = p * f + 5.550_411e-2;
-    let p = p * f + 0.240_226_51;
+    let p = p * f + 0.240_226_5;
     let p = p * f + std::f32::consts::LN_2;
     let p = p * f + 1.0;
     p * f32::from_bits((shifted.to_bits() << 23).wrapping_add(0x3f80_0000))
@@ -59,7 +59,7 @@ pub(super) struct Planes {
 /// Linear RGB of a pixel; NaN and negative light are taken as black, absurd light is limited.
 #[inline(always)]
 pub(super) fn clean_rgb(pixel: &[f32]) -> [f32; 3] {
-    let clean = |v: f32| v.max(0.0).min(64.0);
+    let clean = |v: f32| if v > 0.0 { v.min(64.0) } else { 0.0 };
     match pixel {
         [r, g, b, ..] => [clean(*r), clean(*g), clean(*b)],
         [v, ..] => [clean(*v); 3],
@@ -178,12 +178,11 @@ impl PackedModel {
     }
 }
 
-/// Posterior probabilities of layer and ink, a plane each (ink empty for a model without it), and the sum over pixels of the log likelihood.
+/// Posterior probability of the layer into `layer`; that of ink (empty for a model without it), and the sum over pixels of the log likelihood.
 ///
 /// O(pixels × components).
-pub(super) fn posterior(planes: &Planes, model: &PackedModel) -> (Vec<f32>, Vec<f32>, f64) {
+pub(super) fn posterior(planes: &Planes, model: &PackedModel, layer: &mut [f32]) -> (Vec<f32>, f64) {
     let n = planes.x.len();
-    let mut layer = vec![0.0; n];
     let mut ink = vec![0.0; if model.sides[2].is_empty() { 0 } else { n }];
     let mut log_likelihood = 0.0;
     for start in (0..n).step_by(BLOCK) {
@@ -192,7 +191,7 @@ pub(super) fn posterior(planes: &Planes, model: &PackedModel) -> (Vec<f32>, Vec<
         let (x, y, z) = (&planes.x[range.clone()], &planes.y[range.clone()], &planes.z[range.clone()]);
         log_likelihood += f64::from(posterior_block(model, x, y, z, &mut layer[range], ink_block));
     }
-    (layer, ink, log_likelihood)
+    (ink, log_likelihood)
 }
 
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
@@ -229,5 +228,39 @@ pub(super) fn log_odds(values: &mut [f32]) {
     for v in values {
         let p = v.clamp(1e-6, 1.0 - 1e-6);
         *v = ln_f32(p / (1.0 - p)).clamp(-MAX_LOG_ODDS, MAX_LOG_ODDS);
+    }
+}
+
+/// Means of the samples and of the smaller of each and its complement.
+pub(super) fn mean_and_ambiguity(values: &[f32]) -> (f64, f64) {
+    let (mut sum, mut doubt) = (0.0f64, 0.0f64);
+    for block in values.chunks(BLOCK) {
+        let [s, d] = block_sums(block);
+        sum += f64::from(s);
+        doubt += f64::from(d);
+    }
+    let n = values.len().max(1) as f64;
+    (sum / n, doubt / n)
+}
+
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn block_sums(values: &[f32]) -> [f32; 2] {
+    // Sixteen sums side by side, added in a fixed order.
+    let mut lanes = [[0.0f32; 16]; 2];
+    for chunk in values.chunks(16) {
+        for (i, v) in chunk.iter().enumerate() {
+            lanes[0][i] += v;
+            lanes[1][i] += v.min(1.0 - v);
+        }
+    }
+    lanes.map(|l| l.iter().sum())
+}
+
+/// Stretches probabilities so that `low` becomes 0 and `high` 1.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+pub(super) fn clip(values: &mut [f32], low: f32, high: f32) {
+    let scale = 1.0 / (high - low).max(1e-6);
+    for v in values {
+        *v = ((*v - low) * scale).clamp(0.0, 1.0);
     }
 }

@@ -172,7 +172,8 @@ pub(super) fn owned_ink(layer: &[bool], ink: &[f32], width: usize, reach: f64) -
     owned
 }
 
-/// Pens swell: what is left of an outline beyond its reach is the layer's, too, where it is broad and shallow, its area no more than the square of its contact with what is owned.
+/// Pens swell: what is left of an outline beyond its reach is the layer's, too, where it is broad and shallow, its area no more than a quarter of the square of its
+/// contact with what is owned.
 /// A stroke of the ground that meets the outline is long, and its contact narrow.
 fn swellings(owned: &mut [bool], ink: &[f32], width: usize) {
     let rest: Vec<bool> = ink.iter().zip(owned.iter()).map(|(p, o)| *p > 0.5 && !o).collect();
@@ -189,7 +190,7 @@ fn swellings(owned: &mut [bool], ink: &[f32], width: usize) {
     for i in 0..runs.len() {
         let root = find(&mut runs, i as u32) as usize;
         let [area, contact] = counts[root];
-        if runs[i].inside && area <= contact.saturating_mul(contact) {
+        if runs[i].inside && 4 * area <= contact.saturating_mul(contact) {
             owned[runs[i].span(width)].fill(true);
         }
     }
@@ -236,8 +237,16 @@ fn neighbours(i: usize, width: usize, len: usize) -> impl Iterator<Item = usize>
 }
 
 /// Turns pixels that are a blend of two of the other kind, one on each side, to that kind: between a flat colour and its outline lie colours that are neither, and that may
-/// look like the ground. `color` gives the colour of a pixel in the space in which it was mixed (0 to 1), `tolerance` how far off the line between the two it may be. O(pixels).
-pub(super) fn join_blends(mask: &mut [bool], width: usize, color: impl Fn(usize) -> [f32; 3], tolerance: f32) {
+/// look like the ground. In the same way `alpha` becomes 1 where a pixel of the layer is in doubt (below `sure`) but a blend of two others. `color` gives the colour of a pixel
+/// in the space in which it was mixed (0 to 1), `tolerance` how far off the line between the two it may be. O(pixels).
+pub(super) fn join_blends(
+    mask: &mut [bool],
+    alpha: &mut [f32],
+    width: usize,
+    sure: f32,
+    color: impl Fn(usize) -> [f32; 3],
+    tolerance: f32,
+) {
     if width == 0 {
         return;
     }
@@ -247,26 +256,24 @@ pub(super) fn join_blends(mask: &mut [bool], width: usize, color: impl Fn(usize)
         for x in 2..width.saturating_sub(2) {
             let i = y * width + x;
             let kind = before[i];
-            if before[i - 1] == kind && before[i + 1] == kind && before[i - width] == kind && before[i + width] == kind {
+            if kind && alpha[i] < sure && is_blend(&before, i, true, width, &color, tolerance) {
+                alpha[i] = 1.0;
                 continue;
             }
-            if is_blend(&before, i, width, &color, tolerance) {
+            let enclosed = before[i - 1] == kind && before[i + 1] == kind && before[i - width] == kind && before[i + width] == kind;
+            if !enclosed && is_blend(&before, i, !kind, width, &color, tolerance) {
                 mask[i] = !kind;
             }
         }
     }
 }
 
-/// Whether two pixels of the other kind that face each other across `i`, one or two pixels off, mix to its colour.
-fn is_blend(mask: &[bool], i: usize, width: usize, color: &impl Fn(usize) -> [f32; 3], tolerance: f32) -> bool {
-    let kind = mask[i];
+/// Whether two pixels of a kind that face each other across `i`, one or two pixels off, mix to its colour.
+fn is_blend(mask: &[bool], i: usize, kind: bool, width: usize, color: &impl Fn(usize) -> [f32; 3], tolerance: f32) -> bool {
     for step in [1, width, width + 1, width - 1] {
         for (before, after) in [(1, 1), (1, 2), (2, 1), (2, 2)] {
             let (a, b) = (i - before * step, i + after * step);
-            if mask[a] == kind || mask[b] == kind {
-                continue;
-            }
-            if distance_to_segment_sq(color(i), color(a), color(b)) < tolerance * tolerance {
+            if mask[a] == kind && mask[b] == kind && distance_to_segment_sq(color(i), color(a), color(b)) < tolerance * tolerance {
                 return true;
             }
         }
@@ -389,10 +396,11 @@ mod tests {
     fn a_blend_joins_its_neighbours() {
         let mut m = mask(&["##.##"; 5]);
         let color = |i: usize| [[0.0, 0.0, 0.8], [0.0, 0.0, 0.8], [0.0, 0.0, 0.3], [0.0, 0.0, 0.1], [0.0, 0.0, 0.1]][i % 5];
-        join_blends(&mut m, 5, color, 0.02);
+        let mut alpha = vec![0.0; 25];
+        join_blends(&mut m, &mut alpha, 5, 0.9, color, 0.02);
         assert!(m[12]);
         let mut n = mask(&["##.##"; 5]);
-        join_blends(&mut n, 5, |i| if i % 5 == 2 { [0.0, 0.9, 0.0] } else { color(i) }, 0.02);
+        join_blends(&mut n, &mut alpha, 5, 0.9, |i| if i % 5 == 2 { [0.0, 0.9, 0.0] } else { color(i) }, 0.02);
         assert!(!n[12]);
     }
 }
