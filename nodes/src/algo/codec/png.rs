@@ -23,7 +23,7 @@ pub(super) fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Picture, C
     let (color, depth) = reader.output_color_type();
     let stored = if depth == png::BitDepth::Sixteen { Stored::U16(big_endian(&buffer)) } else { Stored::U8(buffer) };
     let channels = color.samples();
-    let alpha = if channels % 2 == 0 { Alpha::Straight } else { Alpha::None };
+    let alpha = if channels.is_multiple_of(2) { Alpha::Straight } else { Alpha::None };
     let coded = Coded { stored, width, channels, alpha, curve: meaning.curve };
     let window = window_at_origin(width, height);
     Ok(Picture {

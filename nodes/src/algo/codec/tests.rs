@@ -21,7 +21,7 @@ fn channels(n: usize) -> &'static [&'static str] {
 /// A premultiplied picture: colours are noise times alpha.
 fn picture(width: usize, height: usize, n: usize) -> Picture {
     let mut pixels = noise(width * height * n);
-    if n % 2 == 0 {
+    if n.is_multiple_of(2) {
         for pixel in pixels.chunks_exact_mut(n) {
             let alpha = pixel[n - 1];
             pixel[..n - 1].iter_mut().for_each(|v| *v *= alpha);
@@ -60,7 +60,7 @@ fn integers_come_back_to_the_code() {
                     let original = picture(w, h, n);
                     for (i, (a, b)) in original.pixels.iter().zip(&first.pixels).enumerate() {
                         let pixel = &original.pixels[i / n * n..][..n];
-                        let alpha = if n % 2 == 0 { f64::from(pixel[n - 1]) } else { 1.0 };
+                        let alpha = if n.is_multiple_of(2) { f64::from(pixel[n - 1]) } else { 1.0 };
                         // Half a code of each factor: the sRGB curve is at most 2.4/1.055 codes of light steep.
                         let bound = (0.5 / max) * (2.3 * alpha + 1.0) + 1e-6;
                         assert!((f64::from(*a) - f64::from(*b)).abs() <= bound.max(1.2 / max), "{format:?} {depth:?} {n}: {a} {b}");

@@ -323,7 +323,7 @@ impl Plan {
     fn directory(&self, strips: &[Vec<u8>]) -> Result<Vec<u8>, CodecError> {
         let blank = self.entries(vec![0; strips.len()], vec![0; strips.len()]);
         let table_end = 8 + 2 + 12 * blank.len() + 4;
-        let start = table_end + blank.iter().map(|e| out_of_line(e)).sum::<usize>();
+        let start = table_end + blank.iter().map(out_of_line).sum::<usize>();
         let (mut offsets, mut counts, mut at) = (Vec::new(), Vec::new(), start);
         for strip in strips {
             offsets.push(u32::try_from(at).map_err(|_| too_big())?);
