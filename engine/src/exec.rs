@@ -409,8 +409,12 @@ impl<'a> Run<'a> {
                 let once = self.graph.nodes[edge.port.node].runs_once();
                 match &edge.reads {
                     Reads::Same if !once => stack.push(Task { node, index: task.index }),
-                    Reads::All if !once => stack.extend((0..self.plan.nodes[edge.port.node].wanted.len() as u32).rev().map(|index| Task { node, index })),
-                    Reads::Lists(lists) if !once => stack.extend(lists.forward[task.index as usize].iter().rev().map(|&index| Task { node, index })),
+                    Reads::All if !once => {
+                        stack.extend((0..self.plan.nodes[edge.port.node].wanted.len() as u32).rev().map(|index| Task { node, index }))
+                    }
+                    Reads::Lists(lists) if !once => {
+                        stack.extend(lists.forward[task.index as usize].iter().rev().map(|&index| Task { node, index }))
+                    }
                     _ => stack.push(Task { node, index: 0 }),
                 }
             }
@@ -472,7 +476,8 @@ impl<'a> Run<'a> {
             let frame = node.clock.first + i64::from(task.index);
             let cx = Context { frame, clock: &node.clock, cancel: &self.options.cancel };
             let start = Instant::now();
-            let result = catch_unwind(AssertUnwindSafe(|| node.ty.operator.compute(args, state, &cx))).unwrap_or_else(|p| Err(panicked(p.as_ref())));
+            let result =
+                catch_unwind(AssertUnwindSafe(|| node.ty.operator.compute(args, state, &cx))).unwrap_or_else(|p| Err(panicked(p.as_ref())));
             let time = start.elapsed();
             let meter = &self.meters[task.node as usize];
             meter.tasks.fetch_add(1, Ordering::Relaxed);
@@ -591,7 +596,8 @@ impl<'a> Run<'a> {
                     values.into_iter().enumerate().for_each(|(k, v)| self.put(task.node, bases[p] + k, v));
                 }
                 OutValue::Stream(values) => {
-                    let message = format!("expected {} frames of `{}`, found {}", node.clock.len(), node.ty.schema.outputs[p].name, values.len());
+                    let message =
+                        format!("expected {} frames of `{}`, found {}", node.clock.len(), node.ty.schema.outputs[p].name, values.len());
                     return Err(NodeError::internal(message));
                 }
             }
@@ -694,5 +700,6 @@ fn first_value(arg: &Arg) -> Option<&dyn AnyValue> {
 
 fn panicked(payload: &(dyn std::any::Any + Send)) -> NodeError {
     let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned()).or_else(|| payload.downcast_ref::<String>().cloned());
-    NodeError::internal(format!("panicked: {}", text.unwrap_or_else(|| "no message".to_owned()))).help("this is a fault of the node's code: please report it with the graph and the inputs")
+    NodeError::internal(format!("panicked: {}", text.unwrap_or_else(|| "no message".to_owned())))
+        .help("this is a fault of the node's code: please report it with the graph and the inputs")
 }

@@ -285,7 +285,10 @@ impl<T: Value + Clone> In<T> {
 
 impl<T: Value> Deref for In<T> {
     type Target = T;
-    #[allow(clippy::expect_used, reason = "only a node that reads an input while saying which frames it needs gets here; the executor reports it as that node's error")]
+    #[allow(
+        clippy::expect_used,
+        reason = "only a node that reads an input while saying which frames it needs gets here; the executor reports it as that node's error"
+    )]
     fn deref(&self) -> &T {
         self.0.as_deref().expect("an input was read before it was there")
     }

@@ -163,11 +163,15 @@ fn consumers_first(graph: &Graph) -> Vec<usize> {
 
 /// Every port that the bindings refer to.
 pub(crate) fn wires(inputs: &[Binding]) -> impl Iterator<Item = Port> + '_ {
-    inputs.iter().flat_map(|b| match b {
-        Binding::Wire(p) => std::slice::from_ref(p),
-        Binding::List(l) => l.as_slice(),
-        _ => &[],
-    }.iter().copied())
+    inputs.iter().flat_map(|b| {
+        match b {
+            Binding::Wire(p) => std::slice::from_ref(p),
+            Binding::List(l) => l.as_slice(),
+            _ => &[],
+        }
+        .iter()
+        .copied()
+    })
 }
 
 fn empty(graph: &Graph) -> Vec<PlanNode> {
@@ -198,7 +202,10 @@ impl Planner<'_> {
         let tasks: Vec<u32> = match &target.frames {
             Some(frames) if !node.runs_once() => {
                 let index = |&f: &i64| node.clock.index(f).map(|i| i as u32);
-                frames.iter().map(|f| index(f).ok_or_else(|| outside(target.node, *f, "asked for", &node.clock))).collect::<Result<_, _>>()?
+                frames
+                    .iter()
+                    .map(|f| index(f).ok_or_else(|| outside(target.node, *f, "asked for", &node.clock)))
+                    .collect::<Result<_, _>>()?
             }
             _ => (0..wanted.len() as u32).collect(),
         };
@@ -261,7 +268,8 @@ impl Planner<'_> {
         while let Some(task) = queue.pop() {
             let frame = spec.clock.first + task as i64;
             let cx = Context { frame, clock: &spec.clock, cancel: &cancel };
-            let needs = spec.ty.operator.needs(args.clone(), &inputs, &cx).map_err(|error| PlanError { node, frame: Some(frame), error })?;
+            let needs =
+                spec.ty.operator.needs(args.clone(), &inputs, &cx).map_err(|error| PlanError { node, frame: Some(frame), error })?;
             for (slot, frames) in asked.frames.iter_mut().zip(needs.frames) {
                 slot[task] = frames;
             }

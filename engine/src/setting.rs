@@ -87,7 +87,11 @@ pub struct Place {
 }
 
 fn read<T: DeserializeOwned>(text: &str) -> Result<T, SettingError> {
-    crate::syntax::parse_slice(text, crate::syntax::Extensions::empty()).map_err(|e| SettingError { span: e.span.range(), message: e.message, choices: Vec::new() })
+    crate::syntax::parse_slice(text, crate::syntax::Extensions::empty()).map_err(|e| SettingError {
+        span: e.span.range(),
+        message: e.message,
+        choices: Vec::new(),
+    })
 }
 
 macro_rules! setting {
@@ -243,7 +247,11 @@ pub fn choose(text: &str, choices: &[Choice]) -> Result<usize, SettingError> {
     let word = text.trim().trim_matches('"');
     choices.iter().position(|c| c.name == word).ok_or_else(|| {
         let names: Vec<String> = choices.iter().map(|c| c.name.to_owned()).collect();
-        SettingError { message: format!("expected one of {}, found {}", names.join(", "), text.trim()), choices: names, span: 0..text.len() }
+        SettingError {
+            message: format!("expected one of {}, found {}", names.join(", "), text.trim()),
+            choices: names,
+            span: 0..text.len(),
+        }
     })
 }
 

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use serde::Serialize;
 use thiserror::Error;
 
-use crate::setting::{Setting, SettingError};
 use crate::array::{Array, ArrayError, ArrayView, DType, Shape};
+use crate::setting::{Setting, SettingError};
 
 /// Text metadata of a value: one JSON object.
 pub type Meta = serde_json::Map<String, serde_json::Value>;

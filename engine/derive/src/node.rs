@@ -118,7 +118,11 @@ fn input_schema(field: &Field) -> syn::Result<TokenStream> {
     let (default, unit) = (option(attrs.default), option(attrs.unit));
     let range = option(attrs.range.map(|(a, b)| quote! { ((#a) as f64, (#b) as f64) }));
     let any_clock = attrs.any_clock;
-    let access = if attrs.constant { quote! { ::pegbar_engine::node::Access::Constant } } else { quote! { <#ty as ::pegbar_engine::node::Input>::access() } };
+    let access = if attrs.constant {
+        quote! { ::pegbar_engine::node::Access::Constant }
+    } else {
+        quote! { <#ty as ::pegbar_engine::node::Input>::access() }
+    };
     Ok(quote! { ::pegbar_engine::node::InputSchema {
         name: #name,
         doc: #doc,

@@ -78,7 +78,7 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
                 views.push(quote! { (#key, ::pegbar_engine::array::ArrayField::view(&self.#fname)) });
                 sizes.push(quote! { ::pegbar_engine::array::ArrayField::bytes(&self.#fname).len() });
                 builds.push(quote! { #fname: ::pegbar_engine::array::ArrayField::from_array(parts.take(#key)?)
-                    .map_err(|source| ::pegbar_engine::value::ValueError::Array { name: #key, source })? });
+                .map_err(|source| ::pegbar_engine::value::ValueError::Array { name: #key, source })? });
             }
             FieldKind::Text => {
                 let doc = doc(&field.attrs, field, "a text")?;

@@ -119,7 +119,16 @@ impl Checker<'_> {
         }
         let base = path.parent().map(Path::to_owned).unwrap_or_default();
         let scope = self.scopes.len();
-        self.scopes.push(Scope { file, prefix, base, params: BTreeMap::new(), entries: BTreeMap::new(), outputs: Vec::new(), clocks, files });
+        self.scopes.push(Scope {
+            file,
+            prefix,
+            base,
+            params: BTreeMap::new(),
+            entries: BTreeMap::new(),
+            outputs: Vec::new(),
+            clocks,
+            files,
+        });
         let fields = self.fields(file, root, &FIELDS, "a graph");
         match fields.get("pegbar") {
             Some(field) => self.version(file, *field),
@@ -166,7 +175,8 @@ impl Checker<'_> {
             let at = At { file, span: field.name_span() };
             if !known.is_empty() && !known.contains(&field.name()) {
                 let message = format!("expected a field of {what}, found `{}`", field.name());
-                let found = Diagnostic::error(code::UNKNOWN_FIELD, message, at.label()).help(format!("the fields are {}", known.join(", ")));
+                let found =
+                    Diagnostic::error(code::UNKNOWN_FIELD, message, at.label()).help(format!("the fields are {}", known.join(", ")));
                 self.push(found.did_you_mean(field.name(), known.iter().copied()));
             } else if let Some(first) = out.get(field.name()) {
                 let first = At { file, span: first.name_span() };

@@ -18,7 +18,9 @@ impl Checker<'_> {
             let Some(ty) = self.nodes[node].ty.clone() else { continue };
             let missing = missing_policy(&ty.schema.inputs, &typed[node].bindings);
             for (i, input) in ty.schema.inputs.iter().enumerate() {
-                let (Some(Binding::Literal { value, .. }), Some(at)) = (typed[node].bindings.get(i), typed[node].places.get(i)) else { continue };
+                let (Some(Binding::Literal { value, .. }), Some(at)) = (typed[node].bindings.get(i), typed[node].places.get(i)) else {
+                    continue;
+                };
                 match input.files {
                     FileUse::None => {}
                     FileUse::Read => self.check_read(value, *at, missing, typed, node),
@@ -66,8 +68,12 @@ impl Checker<'_> {
             self.error(code::OUTSIDE_OUTPUT, at, message).help.push("write `$out/...`, and choose the folder with --out".to_owned());
             return;
         }
-        if typed[node].has_stream_input(self, typed) && !path.is_sequence() && self.nodes[node].ty.as_ref().is_some_and(|t| t.schema.kind != crate::node::Kind::Whole) {
-            let found = self.error(code::NO_FRAME_NUMBER, at, format!("expected a frame number in the path, found {}", path.at(first).display()));
+        if typed[node].has_stream_input(self, typed)
+            && !path.is_sequence()
+            && self.nodes[node].ty.as_ref().is_some_and(|t| t.schema.kind != crate::node::Kind::Whole)
+        {
+            let found =
+                self.error(code::NO_FRAME_NUMBER, at, format!("expected a frame number in the path, found {}", path.at(first).display()));
             found.help.push("write #### where the frame number goes, so that each frame has a file of its own".to_owned());
             return;
         }

@@ -118,11 +118,7 @@ pub fn load(path: &Path, registry: &Registry, options: &LoadOptions) -> Loaded {
             String::new()
         }
     };
-    if checker.diagnostics.is_empty() {
-        checker.check(path, text)
-    } else {
-        checker.finish(None)
-    }
+    if checker.diagnostics.is_empty() { checker.check(path, text) } else { checker.finish(None) }
 }
 
 /// Checks the text of a graph file as if it stood at `path`.

@@ -74,7 +74,11 @@ impl Checker<'_> {
             param.read = true;
             let (value, at) = (param.value.clone(), param.at);
             if value.is_none() && self.scopes[given.scope].prefix.is_empty() {
-                let found = Diagnostic::error(code::MISSING_INPUT, format!("expected a value for parameter `{name}`, found none"), given.at.label());
+                let found = Diagnostic::error(
+                    code::MISSING_INPUT,
+                    format!("expected a value for parameter `{name}`, found none"),
+                    given.at.label(),
+                );
                 self.push(found.with_label(at.note("declared without a default")).help(format!("give it: --var {name}=VALUE")));
             }
             return value;
@@ -82,7 +86,11 @@ impl Checker<'_> {
         let known: Vec<String> = self.scopes[given.scope].params.keys().cloned().chain(["out".to_owned()]).collect();
         let message = format!("expected a parameter of the graph, found `${name}`");
         let found = Diagnostic::error(code::UNDEFINED_VARIABLE, message, given.at.label());
-        self.push(found.did_you_mean(name, known.iter().map(String::as_str)).help("parameters are declared under `params`; a plain dollar sign is `$$`"));
+        self.push(
+            found
+                .did_you_mean(name, known.iter().map(String::as_str))
+                .help("parameters are declared under `params`; a plain dollar sign is `$$`"),
+        );
         None
     }
 
@@ -154,7 +162,9 @@ impl Checker<'_> {
                 continue;
             }
             if n == 0 {
-                self.error(code::UNDEFINED_VARIABLE, given.at, "expected a name after `$`, found none").help.push("a plain dollar sign is `$$`".to_owned());
+                self.error(code::UNDEFINED_VARIABLE, given.at, "expected a name after `$`, found none")
+                    .help
+                    .push("a plain dollar sign is `$$`".to_owned());
                 return None;
             }
             let value = self.lookup(given, &after[..n], depth)?;
@@ -193,7 +203,8 @@ impl Checker<'_> {
             Some(Entry::Broken) => None,
             None => {
                 let known: Vec<String> = self.scopes[reference.scope].entries.keys().cloned().collect();
-                let found = Diagnostic::error(code::UNKNOWN_NODE, format!("expected a node of the graph, found `{name}`"), reference.at.label());
+                let found =
+                    Diagnostic::error(code::UNKNOWN_NODE, format!("expected a node of the graph, found `{name}`"), reference.at.label());
                 self.push(found.did_you_mean(name, known.iter().map(String::as_str)));
                 None
             }
@@ -226,7 +237,8 @@ impl Checker<'_> {
             let known: Vec<String> = outputs.iter().map(|o| o.name.clone()).collect();
             let name = output.unwrap_or_default();
             let message = format!("expected an output of the graph, found `{name}`");
-            let error = Diagnostic::error(code::UNKNOWN_OUTPUT, message, reference.at.label()).did_you_mean(name, known.iter().map(String::as_str));
+            let error =
+                Diagnostic::error(code::UNKNOWN_OUTPUT, message, reference.at.label()).did_you_mean(name, known.iter().map(String::as_str));
             self.push(error.help(format!("its outputs are {}", known.join(", "))));
             return None;
         };
@@ -259,5 +271,9 @@ fn is_reference(node: NodeRef<'_>) -> bool {
 
 /// The place of a part of what is given; the whole where variables were replaced in it.
 fn inner(given: &Given, node: NodeRef<'_>) -> At {
-    if given.at.span.len() == given.text.len() { At { file: given.at.file, span: node.span().shifted(given.at.span.start) } } else { given.at }
+    if given.at.span.len() == given.text.len() {
+        At { file: given.at.file, span: node.span().shifted(given.at.span.start) }
+    } else {
+        given.at
+    }
 }

@@ -161,7 +161,8 @@ impl Checker<'_> {
         let (least, greatest) = input.range.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
         if let Some(n) = numbers.iter().find(|n| !(least..=greatest).contains(*n)) {
             let message = format!("input `{}`: expected {}, found {n}", input.name, describe_range(least, greatest));
-            let found = Diagnostic::error(code::OUT_OF_RANGE, message, given.at.label()).expected(describe_input(input)).found(n.to_string());
+            let found =
+                Diagnostic::error(code::OUT_OF_RANGE, message, given.at.label()).expected(describe_input(input)).found(n.to_string());
             self.push(found);
         }
     }
@@ -208,7 +209,11 @@ impl Checker<'_> {
             let names: Vec<String> = members.iter().map(|&m| format!("`{}`", self.nodes[m].name)).collect();
             let inside = |m: usize| typed[m].wires.iter().find(|(_, p, _)| members.contains(&p.node));
             let places: Vec<At> = members.iter().filter_map(|&m| inside(m).map(|(_, _, at)| *at)).collect();
-            let message = format!("expected a graph without a ring, found {} waiting for {}", names.join(", "), if names.len() == 1 { "itself" } else { "each other" });
+            let message = format!(
+                "expected a graph without a ring, found {} waiting for {}",
+                names.join(", "),
+                if names.len() == 1 { "itself" } else { "each other" }
+            );
             let mut found = Diagnostic::error(code::CYCLE, message, places.first().map_or(self.nodes[first].at, |a| *a).label());
             for at in places.iter().skip(1) {
                 found = found.with_label(at.note("and here"));
@@ -241,7 +246,9 @@ impl Checker<'_> {
                 continue;
             }
             match (&clock, other) {
-                (Some(own), Some(other)) if own.name != other.name && input.access != Access::Sequence => self.clock_mismatch(input, own, &other, at),
+                (Some(own), Some(other)) if own.name != other.name && input.access != Access::Sequence => {
+                    self.clock_mismatch(input, own, &other, at)
+                }
                 (None, other) => clock = other,
                 _ => {}
             }
@@ -262,7 +269,9 @@ impl Checker<'_> {
     fn is_single(&self, port: Port, typed: &[Typed]) -> bool {
         let kind = self.nodes[port.node].ty.as_ref().map(|t| t.schema.kind);
         match kind {
-            Some(Kind::Whole) => !self.nodes[port.node].ty.as_ref().is_some_and(|t| t.schema.outputs.get(port.output).is_some_and(|o| o.stream)),
+            Some(Kind::Whole) => {
+                !self.nodes[port.node].ty.as_ref().is_some_and(|t| t.schema.outputs.get(port.output).is_some_and(|o| o.stream))
+            }
             _ => !typed[port.node].per_frame,
         }
     }
@@ -278,7 +287,9 @@ impl Checker<'_> {
                     let known: Vec<String> = self.scopes[scope].clocks.keys().cloned().collect();
                     let message = format!("expected a clock of the graph, found `{}`", name.0);
                     let error = Diagnostic::error(code::UNKNOWN_CLOCK, message, typed.places[i].label());
-                    self.push(error.did_you_mean(&name.0, known.iter().map(String::as_str)).help(format!("the clocks are {}", known.join(", "))));
+                    self.push(
+                        error.did_you_mean(&name.0, known.iter().map(String::as_str)).help(format!("the clocks are {}", known.join(", "))),
+                    );
                 }
                 return found;
             }

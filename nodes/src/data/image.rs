@@ -198,7 +198,9 @@ impl Image {
             return Err(format!("expected {c} channel names, found {}", names.len()));
         }
         match self.data_window {
-            Some(d) if (d.width(), d.height()) != (w, h) => Err(format!("expected a data window of {w} x {h}, found {} x {}", d.width(), d.height())),
+            Some(d) if (d.width(), d.height()) != (w, h) => {
+                Err(format!("expected a data window of {w} x {h}, found {} x {}", d.width(), d.height()))
+            }
             _ => Ok(()),
         }
     }

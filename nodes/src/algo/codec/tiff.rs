@@ -115,6 +115,10 @@ fn open<R: Read + Seek>(reader: R, options: &DecodeOptions) -> Result<(Decoder<R
     if !linear && decoder.find_tag(Tag::IccProfile).map_err(failed)?.is_some() {
         notes.push("an icc profile is embedded and not applied: colours are read as sRGB".to_string());
     }
+    let stored: Option<u16> = decoder.find_tag_unsigned(Tag::SamplesPerPixel).map_err(failed)?;
+    if stored.is_some_and(|n| usize::from(n) > channels) {
+        notes.push("channels that are not declared as alpha are left out".to_string());
+    }
     if decoder.more_images() {
         notes.push("several pages: the first is read, the others are not".to_string());
     }
