@@ -7,8 +7,8 @@ use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
 use super::curve::Curve;
-use super::samples::{Alpha, Coded, Stored, to_floats, to_u8, to_u16, usual_order};
-use super::threads::map_ordered;
+use super::samples::{Alpha, Coded, Stored, bytes_of_u16, to_floats, to_u8, to_u16, usual_order};
+use super::threads::{for_bands, map_ordered};
 use super::{CodecError, Compression, DecodeOptions, Depth, EncodeOptions, Format, Header, Level, Picture};
 use super::{check_size, usual_channels, window_at_origin};
 
@@ -210,9 +210,9 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut impl 
     let depth = options.depth()?;
     let bytes = match depth {
         Depth::U8 => to_u8(picture, &order, options)?,
-        Depth::U16 => to_u16(picture, &order, options)?.into_iter().flat_map(u16::to_le_bytes).collect(),
-        Depth::Half => ordered(picture, &order, options).flat_map(|v| half::f16::from_f32(v).to_le_bytes()).collect(),
-        _ => ordered(picture, &order, options).flat_map(f32::to_le_bytes).collect(),
+        Depth::U16 => bytes_of_u16(&to_u16(picture, &order, options)?, u16::to_le_bytes),
+        Depth::Half => float_bytes(picture, &order, options, |v| half::f16::from_f32(v).to_le_bytes()),
+        _ => float_bytes(picture, &order, options, f32::to_le_bytes),
     };
     let plan = Plan::new(picture, order.len(), depth, options)?;
     let rows: Vec<&[u8]> = bytes.chunks(plan.row_bytes() * plan.rows_per_strip).collect();
@@ -224,10 +224,25 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut impl 
     Ok(())
 }
 
-fn ordered<'a>(picture: &'a Picture, order: &'a [usize], options: &EncodeOptions) -> impl Iterator<Item = f32> + 'a {
+fn float_bytes<const B: usize>(
+    picture: &Picture,
+    order: &[usize],
+    options: &EncodeOptions,
+    bytes: impl Fn(f32) -> [u8; B] + Sync,
+) -> Vec<u8> {
     let n = order.len();
     let values = to_floats(picture, options);
-    (0..values.len()).map(move |i| values[i / n * n + order[i % n]])
+    let mut out = vec![0u8; values.len() * B];
+    let row = picture.width * n;
+    for_bands(&mut out, row * B, options.threads, |first, out| {
+        let pixels = values[first * row..].chunks_exact(n);
+        for (to, from) in out.chunks_exact_mut(n * B).zip(pixels) {
+            for (to, c) in to.as_chunks_mut::<B>().0.iter_mut().zip(order) {
+                *to = bytes(from[*c]);
+            }
+        }
+    });
+    out
 }
 
 /// Everything about the file but its samples.
@@ -385,9 +400,10 @@ fn byte_differences(row: &[u8], stride: usize, out: &mut Vec<u8>) {
 
 fn wide_differences(row: &[u8], stride: usize, out: &mut Vec<u8>) {
     let value = |i: usize| u16::from_le_bytes([row[2 * i], row[2 * i + 1]]);
-    for i in 0..row.len() / 2 {
-        let before = if i < stride { 0 } else { value(i - stride) };
-        out.extend(value(i).wrapping_sub(before).to_le_bytes());
+    let start = out.len();
+    out.extend_from_slice(row);
+    for (i, to) in out[start..].as_chunks_mut::<2>().0.iter_mut().enumerate().skip(stride) {
+        *to = value(i).wrapping_sub(value(i - stride)).to_le_bytes();
     }
 }
 
