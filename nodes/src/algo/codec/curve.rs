@@ -126,8 +126,7 @@ impl Encoder {
     /// The nearest code of `v`.
     #[inline]
     pub(super) fn code(&self, v: f32) -> u16 {
-        // The comparison is written so that NaN takes the first branch.
-        if !(v >= f32::from_bits(LOWEST)) {
+        if v.is_nan() || v < f32::from_bits(LOWEST) {
             return 0;
         }
         if v >= 1.0 {

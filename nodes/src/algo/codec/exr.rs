@@ -5,7 +5,7 @@
 use std::io::{BufRead, Cursor, Seek, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use exr::block::chunk::Chunk;
+use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::block::reader::{ChunksReader, Reader};
 use exr::block::writer::ChunksWriter;
 use exr::block::{BlockIndex, UncompressedBlock};
@@ -14,12 +14,12 @@ use exr::math::Vec2;
 use exr::meta::attribute::{ChannelDescription, IntegerBounds, LineOrder, SampleType, Text};
 use exr::meta::header::{Header as PartHeader, ImageAttributes, LayerAttributes};
 use exr::meta::{BlockDescription, MetaData};
-use half::slice::HalfFloatSliceExt;
+use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 
 use super::error::no_layer;
 use super::samples::to_floats;
 use super::threads::map_ordered;
-use super::{CodecError, Compression, DecodeOptions, Depth, EncodeOptions, Format, Header, Picture, check_size};
+use super::{CodecError, Compression, DecodeOptions, Depth, EncodeOptions, Format, Header, Level, Picture, check_size};
 
 const NAME: &str = "exr";
 
@@ -337,28 +337,50 @@ fn scatter(
     if !fits {
         return Err(corrupt_text("a block outside the data window"));
     }
-    let mut line = vec![0.0f32; size.0];
+    let mut lines = vec![0.0f32; size.0 * n];
     for y in 0..size.1 {
         let row = &block.data[y * row_bytes..(y + 1) * row_bytes];
-        let start = ((first + y) * width + at.0) * n;
-        let target = &mut out[start..start + size.0 * n];
         for plane in planes {
-            read_line(&row[plane.offset * size.0..], plane.kind, &mut line);
-            for (pixel, value) in target.chunks_exact_mut(n).zip(&line) {
-                pixel[plane.to] = *value;
+            read_line(&row[plane.offset * size.0..], plane.kind, &mut lines[plane.to * size.0..(plane.to + 1) * size.0]);
+        }
+        let start = ((first + y) * width + at.0) * n;
+        interleave(&lines, &mut out[start..start + size.0 * n], n);
+    }
+    Ok(())
+}
+
+/// `n` lines one after another, as pixels.
+fn interleave(lines: &[f32], out: &mut [f32], n: usize) {
+    match n {
+        1 => out.copy_from_slice(lines),
+        3 => interleave_exactly::<3>(lines, out),
+        4 => interleave_exactly::<4>(lines, out),
+        _ => {
+            let width = lines.len() / n;
+            for (x, pixel) in out.chunks_exact_mut(n).enumerate() {
+                pixel.iter_mut().enumerate().for_each(|(c, value)| *value = lines[c * width + x]);
             }
         }
     }
-    Ok(())
+}
+
+fn interleave_exactly<const N: usize>(lines: &[f32], out: &mut [f32]) {
+    let pixels = out.as_chunks_mut::<N>().0;
+    let width = pixels.len();
+    let lines: [&[f32]; N] = std::array::from_fn(|c| &lines[c * width..(c + 1) * width]);
+    for (x, pixel) in pixels.iter_mut().enumerate() {
+        *pixel = std::array::from_fn(|c| lines[c][x]);
+    }
 }
 
 /// Samples of one channel, in the machine's byte order, as floats; unsigned integers beyond 2²⁴ are rounded.
 fn read_line(bytes: &[u8], kind: SampleType, line: &mut [f32]) {
     match kind {
-        SampleType::F16 => {
-            let halves: Vec<half::f16> = bytes.as_chunks::<2>().0.iter().take(line.len()).map(|b| half::f16::from_ne_bytes(*b)).collect();
-            halves.convert_to_f32_slice(line);
-        }
+        SampleType::F16 => match bytemuck::try_cast_slice::<u8, u16>(&bytes[..2 * line.len()]) {
+            Ok(halves) => halves.reinterpret_cast::<half::f16>().convert_to_f32_slice(line),
+            // A block at an odd address.
+            Err(_) => line.iter_mut().zip(bytes.as_chunks::<2>().0).for_each(|(to, b)| *to = half::f16::from_ne_bytes(*b).to_f32()),
+        },
         SampleType::F32 => line.iter_mut().zip(bytes.as_chunks::<4>().0).for_each(|(to, b)| *to = f32::from_ne_bytes(*b)),
         SampleType::U32 => line.iter_mut().zip(bytes.as_chunks::<4>().0).for_each(|(to, b)| *to = u32::from_ne_bytes(*b) as f32),
     }
@@ -376,7 +398,7 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut (impl
             let blocks: Vec<_> = exr::block::enumerate_ordered_header_block_indices(&meta.headers).collect();
             let packed = map_ordered(blocks, options.threads, |(at, block)| {
                 let data = gather(&values, picture.width, &order, depth, block);
-                (at, UncompressedBlock { index: block, data }.compress_to_chunk(&meta.headers))
+                (at, pack(data, block, &meta, options))
             });
             for packed in packed {
                 let (at, chunk) = packed.ok_or(exr::error::Error::Invalid("a block that could not be packed".into()))?;
@@ -389,6 +411,50 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut (impl
         exr::error::Error::Io(error) => CodecError::Io(error),
         other => CodecError::BadPicture { what: format!("windows and channel names that an exr can hold ({other})") },
     })
+}
+
+/// A block as it is written. Deflate is done here, where its level can be chosen; everything else by the crate.
+fn pack(data: Vec<u8>, block: BlockIndex, meta: &MetaData, options: &EncodeOptions) -> Result<Chunk, exr::error::Error> {
+    let header = &meta.headers[block.layer];
+    if !matches!(header.compression, Packing::ZIP1 | Packing::ZIP16) || cfg!(target_endian = "big") {
+        return UncompressedBlock { index: block, data }.compress_to_chunk(&meta.headers);
+    }
+    let level = match options.level {
+        Level::Fast => 1,
+        Level::Balanced => 4,
+        Level::High => 9,
+    };
+    let mut encoder = flate2::write::ZlibEncoder::new(Vec::with_capacity(data.len() / 2), flate2::Compression::new(level));
+    encoder.write_all(&zip_differences(&data))?;
+    let packed = encoder.finish()?;
+    let y_coordinate = header.own_attributes.layer_position.1 + block.pixel_position.1 as i32;
+    // What does not get smaller is stored as it is; readers tell by the size.
+    let compressed_pixels_le = if packed.len() < data.len() { packed } else { data };
+    Ok(Chunk {
+        layer_index: block.layer,
+        compressed_block: CompressedBlock::ScanLine(CompressedScanLineBlock { y_coordinate, compressed_pixels_le }),
+    })
+}
+
+/// OpenEXR's preparation for deflate: the bytes at even places, then those at odd ones; then each byte's difference from the one before, plus 128.
+fn zip_differences(data: &[u8]) -> Vec<u8> {
+    let half = data.len().div_ceil(2);
+    let mut out = vec![0u8; data.len()];
+    let (even, odd) = out.split_at_mut(half);
+    for (pair, (even, odd)) in data.as_chunks::<2>().0.iter().zip(even.iter_mut().zip(odd.iter_mut())) {
+        (*even, *odd) = (pair[0], pair[1]);
+    }
+    if let [.., last] = data
+        && data.len() % 2 == 1
+    {
+        out[half - 1] = *last;
+    }
+    let mut before = out.first().copied().unwrap_or(0);
+    for byte in out.iter_mut().skip(1) {
+        let difference = byte.wrapping_sub(before).wrapping_add(128);
+        before = std::mem::replace(byte, difference);
+    }
+    out
 }
 
 fn smallvec_of(header: PartHeader) -> exr::meta::Headers {
@@ -462,10 +528,10 @@ fn gather(values: &[f32], width: usize, order: &[usize], depth: Depth, block: Bl
                 *to = pixel[c];
             }
             if depth == Depth::Float {
-                data.extend(line.iter().flat_map(|v| v.to_ne_bytes()));
+                data.extend_from_slice(bytemuck::cast_slice(&line));
             } else {
                 halves.convert_from_f32_slice(&line);
-                data.extend(halves.iter().flat_map(|v| v.to_ne_bytes()));
+                data.extend_from_slice(bytemuck::cast_slice(halves.reinterpret_cast()));
             }
         }
     }

@@ -3,7 +3,7 @@
 use std::io::{BufRead, Cursor, Seek, Write};
 
 use super::curve::Curve;
-use super::samples::{Alpha, Coded, Stored, depth_of_bits, to_u8, to_u16, usual_order};
+use super::samples::{Alpha, Coded, Stored, bytes_of_u16, depth_of_bits, to_u8, to_u16, usual_order};
 use super::{CodecError, ColorMode, Compression, DecodeOptions, Depth, EncodeOptions, Format, Header, Level, Picture};
 use super::{check_size, usual_channels, window_at_origin};
 
@@ -23,7 +23,7 @@ pub(super) fn decode(bytes: &[u8], options: &DecodeOptions) -> Result<Picture, C
     let (color, depth) = reader.output_color_type();
     let stored = if depth == png::BitDepth::Sixteen { Stored::U16(big_endian(&buffer)) } else { Stored::U8(buffer) };
     let channels = color.samples();
-    let alpha = if channels % 2 == 0 { Alpha::Straight } else { Alpha::None };
+    let alpha = if channels.is_multiple_of(2) { Alpha::Straight } else { Alpha::None };
     let coded = Coded { stored, width, channels, alpha, curve: meaning.curve };
     let window = window_at_origin(width, height);
     Ok(Picture {
@@ -141,7 +141,9 @@ fn cicp_curve(code: u8) -> Result<Curve, CodecError> {
 }
 
 fn big_endian(bytes: &[u8]) -> Vec<u16> {
-    bytes.as_chunks::<2>().0.iter().map(|pair| u16::from_be_bytes(*pair)).collect()
+    let mut codes = vec![0u16; bytes.len() / 2];
+    codes.iter_mut().zip(bytes.as_chunks::<2>().0).for_each(|(code, pair)| *code = u16::from_be_bytes(*pair));
+    codes
 }
 
 pub(super) fn corrupt(error: png::DecodingError) -> CodecError {
@@ -165,7 +167,7 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut impl 
     let data = if depth == Depth::U8 {
         to_u8(picture, &order, options)?
     } else {
-        to_u16(picture, &order, options)?.into_iter().flat_map(u16::to_be_bytes).collect()
+        bytes_of_u16(&to_u16(picture, &order, options)?, u16::to_be_bytes)
     };
     let mut encoder = png::Encoder::new(out, width, height);
     encoder.set_color(match order.len() {

@@ -1,5 +1,7 @@
 //! Stored samples to linear, premultiplied light and back.
 
+use std::borrow::Cow;
+
 use super::curve::{Curve, Encoder, linear_to_srgb};
 use super::threads::for_bands;
 use super::{CodecError, ColorMode, Depth, Dither, EncodeOptions, NonFinite, Picture};
@@ -186,25 +188,65 @@ fn to_codes<T: Copy + Default + Send>(
     let divides = n.is_multiple_of(2) && options.color != ColorMode::Data;
     let row = picture.width * n;
     let mut out = vec![T::default(); picture.height * row];
+    let conversion = Conversion { encoder, alpha_encoder, divides, order, finish };
     for_bands(&mut out, row, options.threads, |first, out| {
-        let pixels = picture.pixels[first * row..first * row + out.len()].chunks_exact(n);
-        for (i, (to, from)) in out.chunks_exact_mut(n).zip(pixels).enumerate() {
-            let (x, y) = (i % picture.width, first + i / picture.width);
-            if n.is_multiple_of(2) {
-                let alpha = from[order[n - 1]];
-                for c in 0..n - 1 {
-                    let value = from[order[c]];
-                    let value = if divides { unpremultiply(value, alpha) } else { value };
-                    to[c] = finish(x, y, encoder.code(value));
-                }
-                to[n - 1] = finish(x, y, alpha_encoder.code(alpha));
-            } else {
-                for c in 0..n {
-                    to[c] = finish(x, y, encoder.code(from[order[c]]));
-                }
+        for (y, to) in out.chunks_exact_mut(row).enumerate() {
+            let from = &picture.pixels[(first + y) * row..(first + y + 1) * row];
+            match n {
+                2 => conversion.row_with_alpha::<2, T>(from, to, first + y),
+                4 => conversion.row_with_alpha::<4, T>(from, to, first + y),
+                _ => conversion.row(from, to, first + y),
             }
         }
     });
+    out
+}
+
+/// How the samples of a picture become codes.
+struct Conversion<'a, F> {
+    encoder: &'static Encoder,
+    alpha_encoder: &'static Encoder,
+    divides: bool,
+    order: &'a [usize],
+    finish: F,
+}
+
+impl<F> Conversion<'_, F> {
+    fn row_with_alpha<const N: usize, T>(&self, from: &[f32], to: &mut [T], y: usize)
+    where
+        F: Fn(usize, usize, u16) -> T,
+    {
+        let order: [usize; N] = std::array::from_fn(|c| self.order[c] % N);
+        for (x, (to, from)) in to.as_chunks_mut::<N>().0.iter_mut().zip(from.as_chunks::<N>().0).enumerate() {
+            let alpha = from[order[N - 1]];
+            for c in 0..N - 1 {
+                let value = from[order[c]];
+                let value = if self.divides { unpremultiply(value, alpha) } else { value };
+                to[c] = (self.finish)(x, y, self.encoder.code(value));
+            }
+            to[N - 1] = (self.finish)(x, y, self.alpha_encoder.code(alpha));
+        }
+    }
+
+    fn row<T>(&self, from: &[f32], to: &mut [T], y: usize)
+    where
+        F: Fn(usize, usize, u16) -> T,
+    {
+        let n = self.order.len();
+        for (x, (to, from)) in to.chunks_exact_mut(n).zip(from.chunks_exact(n)).enumerate() {
+            for (to, c) in to.iter_mut().zip(self.order) {
+                *to = (self.finish)(x, y, self.encoder.code(from[*c]));
+            }
+        }
+    }
+}
+
+/// The bytes of 16-bit codes.
+pub(super) fn bytes_of_u16(codes: &[u16], bytes: impl Fn(u16) -> [u8; 2]) -> Vec<u8> {
+    let mut out = vec![0u8; codes.len() * 2];
+    for (to, code) in out.as_chunks_mut::<2>().0.iter_mut().zip(codes) {
+        *to = bytes(*code);
+    }
     out
 }
 
@@ -231,23 +273,22 @@ fn check_finite(picture: &Picture, options: &EncodeOptions) -> Result<(), CodecE
 }
 
 /// The samples for a float file: as they are, but in sRGB mode with the curve laid on (colours divided by alpha and multiplied again).
-pub(super) fn to_floats(picture: &Picture, options: &EncodeOptions) -> Vec<f32> {
+pub(super) fn to_floats<'a>(picture: &'a Picture, options: &EncodeOptions) -> Cow<'a, [f32]> {
     if options.color != ColorMode::Srgb {
-        return picture.pixels.clone();
+        return Cow::Borrowed(&picture.pixels);
     }
     let n = picture.channels.len();
     let alpha_at = picture.channels.iter().position(|c| c == "A");
     let mut out = picture.pixels.clone();
     for pixel in out.chunks_exact_mut(n) {
         let alpha = alpha_at.map_or(1.0, |at| pixel[at]);
-        for (c, value) in pixel.iter_mut().enumerate().filter(|(c, _)| Some(*c) != alpha_at) {
-            debug_assert!(c < n);
+        for (_, value) in pixel.iter_mut().enumerate().filter(|(c, _)| Some(*c) != alpha_at) {
             let straight = if alpha > 0.0 { *value / alpha } else { *value };
             let code = linear_to_srgb(f64::from(straight)) as f32;
             *value = if alpha > 0.0 { code * alpha } else { code };
         }
     }
-    out
+    Cow::Owned(out)
 }
 
 /// The depth name of integers, for formats of both.

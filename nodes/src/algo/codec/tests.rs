@@ -21,7 +21,7 @@ fn channels(n: usize) -> &'static [&'static str] {
 /// A premultiplied picture: colours are noise times alpha.
 fn picture(width: usize, height: usize, n: usize) -> Picture {
     let mut pixels = noise(width * height * n);
-    if n % 2 == 0 {
+    if n.is_multiple_of(2) {
         for pixel in pixels.chunks_exact_mut(n) {
             let alpha = pixel[n - 1];
             pixel[..n - 1].iter_mut().for_each(|v| *v *= alpha);
@@ -60,7 +60,7 @@ fn integers_come_back_to_the_code() {
                     let original = picture(w, h, n);
                     for (i, (a, b)) in original.pixels.iter().zip(&first.pixels).enumerate() {
                         let pixel = &original.pixels[i / n * n..][..n];
-                        let alpha = if n % 2 == 0 { f64::from(pixel[n - 1]) } else { 1.0 };
+                        let alpha = if n.is_multiple_of(2) { f64::from(pixel[n - 1]) } else { 1.0 };
                         // Half a code of each factor: the sRGB curve is at most 2.4/1.055 codes of light steep.
                         let bound = (0.5 / max) * (2.3 * alpha + 1.0) + 1e-6;
                         assert!((f64::from(*a) - f64::from(*b)).abs() <= bound.max(1.2 / max), "{format:?} {depth:?} {n}: {a} {b}");
@@ -566,4 +566,128 @@ fn headers_that_promise_too_much_are_refused_at_once() {
     tiff[8 + 2 + 8..8 + 2 + 12].copy_from_slice(&200_000u32.to_le_bytes());
     tiff[8 + 2 + 12 + 8..8 + 2 + 24].copy_from_slice(&200_000u32.to_le_bytes());
     assert!(!error(&tiff).is_empty());
+}
+
+/// A TIFF put together by hand: entries of shorts (the strip or tile offset is filled in), then the samples at the end.
+fn tiff_file(big_endian: bool, entries: &[(u16, &[u16])], data: &[u8]) -> Vec<u8> {
+    let short = |v: u16| if big_endian { v.to_be_bytes() } else { v.to_le_bytes() };
+    let long = |v: u32| if big_endian { v.to_be_bytes() } else { v.to_le_bytes() };
+    let table_end = 8 + 2 + 12 * entries.len() + 4;
+    let data_at = table_end + entries.iter().filter(|e| e.1.len() > 2).map(|e| 2 * e.1.len()).sum::<usize>();
+    let mut bytes = if big_endian { b"MM\0\x2a".to_vec() } else { b"II\x2a\0".to_vec() };
+    bytes.extend(long(8));
+    bytes.extend(short(entries.len() as u16));
+    let mut outside = Vec::new();
+    for (tag, values) in entries {
+        bytes.extend([short(*tag), short(3)].concat());
+        bytes.extend(long(values.len() as u32));
+        // Offsets of strips and tiles: the n-th piece is n times the first value behind the start.
+        let values: Vec<u16> = match tag {
+            273 | 324 => values.iter().map(|v| v + data_at as u16).collect(),
+            _ => values.to_vec(),
+        };
+        if values.len() > 2 {
+            bytes.extend(long((table_end + outside.len()) as u32));
+            outside.extend(values.iter().flat_map(|v| short(*v)));
+        } else {
+            bytes.extend(values.iter().chain(&[0, 0]).take(2).flat_map(|v| short(*v)));
+        }
+    }
+    bytes.extend([0; 4]);
+    bytes.extend(outside);
+    bytes.extend(data);
+    bytes
+}
+
+#[test]
+fn tiff_of_other_byte_orders_bits_planes_and_tiles_is_read() {
+    let grey16: [(u16, &[u16]); 9] =
+        [(256, &[2]), (257, &[1]), (258, &[16]), (259, &[1]), (262, &[1]), (273, &[0]), (277, &[1]), (278, &[1]), (279, &[4])];
+    let big = decode(&tiff_file(true, &grey16, &[0x12, 0x34, 0xff, 0xff]), &DecodeOptions { color: ColorMode::Data, ..Default::default() })
+        .unwrap();
+    assert_eq!(big.pixels, [(0x1234 as f64 / 65535.0) as f32, 1.0]);
+    let bits: [(u16, &[u16]); 9] =
+        [(256, &[10]), (257, &[1]), (258, &[1]), (259, &[1]), (262, &[0]), (273, &[0]), (277, &[1]), (278, &[1]), (279, &[2])];
+    assert_eq!(codes(&tiff_file(false, &bits, &[0b1010_0000, 0b1000_0000])).1, [0, 255, 0, 255, 255, 255, 255, 255, 0, 255]);
+    let planar: [(u16, &[u16]); 10] = [
+        (256, &[2]),
+        (257, &[1]),
+        (258, &[8, 8, 8]),
+        (259, &[1]),
+        (262, &[2]),
+        (273, &[0, 2, 4]),
+        (277, &[3]),
+        (278, &[1]),
+        (279, &[2, 2, 2]),
+        (284, &[2]),
+    ];
+    assert_eq!(codes(&tiff_file(false, &planar, &[1, 2, 3, 4, 5, 6])).1, [1, 3, 5, 2, 4, 6]);
+    let mut tile = vec![0u8; 2 * 256];
+    (0..20).for_each(|x| tile[x / 16 * 256 + x % 16] = x as u8);
+    let tiled: [(u16, &[u16]); 10] = [
+        (256, &[20]),
+        (257, &[1]),
+        (258, &[8]),
+        (259, &[1]),
+        (262, &[1]),
+        (277, &[1]),
+        (322, &[16]),
+        (323, &[16]),
+        (324, &[0, 256]),
+        (325, &[256, 256]),
+    ];
+    assert_eq!(codes(&tiff_file(true, &tiled, &tile)).1, (0..20).collect::<Vec<u8>>());
+}
+
+#[test]
+fn tiff_alpha_is_read_as_it_is_declared() {
+    let read = |extra: u16| {
+        let entries: [(u16, &[u16]); 10] = [
+            (256, &[1]),
+            (257, &[1]),
+            (258, &[8, 8, 8, 8]),
+            (259, &[1]),
+            (262, &[2]),
+            (273, &[0]),
+            (277, &[4]),
+            (278, &[1]),
+            (279, &[4]),
+            (338, &[extra]),
+        ];
+        decode(&tiff_file(false, &entries, &[64, 32, 0, 128]), &DecodeOptions::default()).unwrap()
+    };
+    let light = |code: f64| curve::srgb_to_linear(code / 255.0);
+    let alpha = 128.0 / 255.0;
+    let straight = read(2);
+    assert!((f64::from(straight.pixels[0]) - light(64.0) * alpha).abs() < 1e-6);
+    // Codes that were multiplied are divided as codes before the curve is undone.
+    let associated = read(1);
+    assert!((f64::from(associated.pixels[0]) - light(64.0 / alpha) * alpha).abs() < 1e-6);
+    assert_eq!(associated.notes, [""; 0]);
+    assert_eq!(read(0).channels.join(" "), "R G B");
+    assert_eq!(read(0).notes, ["channels that are not declared as alpha are left out"]);
+}
+
+#[test]
+fn tiff_of_other_colours_is_refused_by_name() {
+    let error = |photometric: u16, bits: u16, format: u16| {
+        let (samples, counts) = (vec![bits; 4], [4 * bits / 8]);
+        let entries: [(u16, &[u16]); 10] = [
+            (256, &[1]),
+            (257, &[1]),
+            (258, &samples),
+            (259, &[1]),
+            (262, &[photometric]),
+            (273, &[0]),
+            (277, &[4]),
+            (278, &[1]),
+            (279, &counts),
+            (339, &[format; 4]),
+        ];
+        decode(&tiff_file(false, &entries, &[0; 32]), &DecodeOptions::default()).unwrap_err().to_string()
+    };
+    let hint = "save it as grey or rgb of 8 or 16 bits or floats of 16 or 32 bits";
+    assert_eq!(error(5, 8, 1), format!("tiff with CMYK(8) colours is not supported; {hint}"));
+    assert_eq!(error(2, 16, 2), format!("tiff with signed integers of 16 bits is not supported; {hint}"));
+    assert_eq!(error(2, 32, 1), format!("tiff with integers of 32 bits is not supported; {hint}"));
 }

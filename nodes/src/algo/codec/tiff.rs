@@ -7,8 +7,8 @@ use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
 use super::curve::Curve;
-use super::samples::{Alpha, Coded, Stored, to_floats, to_u8, to_u16, usual_order};
-use super::threads::map_ordered;
+use super::samples::{Alpha, Coded, Stored, bytes_of_u16, to_floats, to_u8, to_u16, usual_order};
+use super::threads::{for_bands, map_ordered};
 use super::{CodecError, Compression, DecodeOptions, Depth, EncodeOptions, Format, Header, Level, Picture};
 use super::{check_size, usual_channels, window_at_origin};
 
@@ -115,6 +115,10 @@ fn open<R: Read + Seek>(reader: R, options: &DecodeOptions) -> Result<(Decoder<R
     if !linear && decoder.find_tag(Tag::IccProfile).map_err(failed)?.is_some() {
         notes.push("an icc profile is embedded and not applied: colours are read as sRGB".to_string());
     }
+    let stored: Option<u16> = decoder.find_tag_unsigned(Tag::SamplesPerPixel).map_err(failed)?;
+    if stored.is_some_and(|n| usize::from(n) > channels) {
+        notes.push("channels that are not declared as alpha are left out".to_string());
+    }
     if decoder.more_images() {
         notes.push("several pages: the first is read, the others are not".to_string());
     }
@@ -206,9 +210,9 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut impl 
     let depth = options.depth()?;
     let bytes = match depth {
         Depth::U8 => to_u8(picture, &order, options)?,
-        Depth::U16 => to_u16(picture, &order, options)?.into_iter().flat_map(u16::to_le_bytes).collect(),
-        Depth::Half => ordered(picture, &order, options).flat_map(|v| half::f16::from_f32(v).to_le_bytes()).collect(),
-        _ => ordered(picture, &order, options).flat_map(f32::to_le_bytes).collect(),
+        Depth::U16 => bytes_of_u16(&to_u16(picture, &order, options)?, u16::to_le_bytes),
+        Depth::Half => float_bytes(picture, &order, options, |v| half::f16::from_f32(v).to_le_bytes()),
+        _ => float_bytes(picture, &order, options, f32::to_le_bytes),
     };
     let plan = Plan::new(picture, order.len(), depth, options)?;
     let rows: Vec<&[u8]> = bytes.chunks(plan.row_bytes() * plan.rows_per_strip).collect();
@@ -220,10 +224,25 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut impl 
     Ok(())
 }
 
-fn ordered<'a>(picture: &'a Picture, order: &'a [usize], options: &EncodeOptions) -> impl Iterator<Item = f32> + 'a {
+fn float_bytes<const B: usize>(
+    picture: &Picture,
+    order: &[usize],
+    options: &EncodeOptions,
+    bytes: impl Fn(f32) -> [u8; B] + Sync,
+) -> Vec<u8> {
     let n = order.len();
     let values = to_floats(picture, options);
-    (0..values.len()).map(move |i| values[i / n * n + order[i % n]])
+    let mut out = vec![0u8; values.len() * B];
+    let row = picture.width * n;
+    for_bands(&mut out, row * B, options.threads, |first, out| {
+        let pixels = values[first * row..].chunks_exact(n);
+        for (to, from) in out.chunks_exact_mut(n * B).zip(pixels) {
+            for (to, c) in to.as_chunks_mut::<B>().0.iter_mut().zip(order) {
+                *to = bytes(from[*c]);
+            }
+        }
+    });
+    out
 }
 
 /// Everything about the file but its samples.
@@ -323,7 +342,7 @@ impl Plan {
     fn directory(&self, strips: &[Vec<u8>]) -> Result<Vec<u8>, CodecError> {
         let blank = self.entries(vec![0; strips.len()], vec![0; strips.len()]);
         let table_end = 8 + 2 + 12 * blank.len() + 4;
-        let start = table_end + blank.iter().map(|e| out_of_line(e)).sum::<usize>();
+        let start = table_end + blank.iter().map(out_of_line).sum::<usize>();
         let (mut offsets, mut counts, mut at) = (Vec::new(), Vec::new(), start);
         for strip in strips {
             offsets.push(u32::try_from(at).map_err(|_| too_big())?);
@@ -381,9 +400,10 @@ fn byte_differences(row: &[u8], stride: usize, out: &mut Vec<u8>) {
 
 fn wide_differences(row: &[u8], stride: usize, out: &mut Vec<u8>) {
     let value = |i: usize| u16::from_le_bytes([row[2 * i], row[2 * i + 1]]);
-    for i in 0..row.len() / 2 {
-        let before = if i < stride { 0 } else { value(i - stride) };
-        out.extend(value(i).wrapping_sub(before).to_le_bytes());
+    let start = out.len();
+    out.extend_from_slice(row);
+    for (i, to) in out[start..].as_chunks_mut::<2>().0.iter_mut().enumerate().skip(stride) {
+        *to = value(i).wrapping_sub(value(i - stride)).to_le_bytes();
     }
 }
 
