@@ -113,7 +113,9 @@ pub fn unsharp(
     let channels = source.raster.channels;
     let common = window.intersect(&source.window());
     target.iter_mut().for_each(|v| *v *= -amount);
-    for y in common.y..common.bottom() {
+    // A common part without columns may still have rows.
+    let rows = if common.is_empty() { common.y..common.y } else { common.y..common.bottom() };
+    for y in rows {
         let from = ((y - source.origin[1]) as usize, (common.x - source.origin[0]) as usize);
         let into = ((y - window.y) as usize, (common.x - window.x) as usize);
         let row = &source.raster.row(from.0)[from.1 * channels..][..common.width * channels];
@@ -438,3 +440,7 @@ fn sum_down(ring: &[f32], capacity: usize, first: usize, weights: &[f32], out: &
         }
     }
 }
+
+#[cfg(test)]
+#[path = "filter_tests.rs"]
+mod tests;

@@ -4,7 +4,10 @@ use super::window::Window;
 
 /// Every pixel of `target` is `color`, of as many channels as it has values.
 pub fn constant(color: &[f32], target: &mut [f32]) {
-    for pixel in target.chunks_exact_mut(color.len().max(1)) {
+    if color.is_empty() {
+        return;
+    }
+    for pixel in target.chunks_exact_mut(color.len()) {
         pixel.copy_from_slice(color);
     }
 }
@@ -81,3 +84,7 @@ fn fill(channels: usize, target: &mut [f32], window: Window, mut paint: impl FnM
         }
     }
 }
+
+#[cfg(test)]
+#[path = "generate_tests.rs"]
+mod tests;

@@ -222,10 +222,16 @@ pub fn crop(source: Source<'_>, target: &mut [f32], window: Window) -> Result<()
     }
     target.fill(0.0);
     let common = window.intersect(&source.window());
-    for y in common.y..common.bottom() {
+    // A common part without columns may still have rows.
+    let rows = if common.is_empty() { common.y..common.y } else { common.y..common.bottom() };
+    for y in rows {
         let from = &source.raster.row((y - source.origin[1]) as usize)[(common.x - source.origin[0]) as usize * channels..];
         let at = ((y - window.y) as usize * window.width + (common.x - window.x) as usize) * channels;
         target[at..at + common.width * channels].copy_from_slice(&from[..common.width * channels]);
     }
     Ok(())
 }
+
+#[cfg(test)]
+#[path = "grade_tests.rs"]
+mod tests;

@@ -222,7 +222,7 @@ pub fn merge(
     let channels = background.raster.channels;
     check(foreground, channels, options, target.len(), window)?;
     for (j, row) in target.chunks_exact_mut((window.width * channels).max(1)).enumerate() {
-        let y = window.y + j as i64;
+        let y = window.y.saturating_add(j as i64);
         let covered = place(background, y, window, row);
         merge_row(foreground, options, y, window, covered, row);
     }
@@ -241,7 +241,7 @@ pub fn merge_in_place(
 ) -> Result<(), MergeError> {
     check(foreground, channels, options, background.len(), window)?;
     for (j, row) in background.chunks_exact_mut((window.width * channels).max(1)).enumerate() {
-        merge_row(foreground, options, window.y + j as i64, window, (0, window.width), row);
+        merge_row(foreground, options, window.y.saturating_add(j as i64), window, (0, window.width), row);
     }
     Ok(())
 }
@@ -379,3 +379,7 @@ pub fn over_in_place(foreground: &[f32], background: &mut [f32], channels: usize
         merge_samples(options, channels, 1.0, foreground, background);
     }
 }
+
+#[cfg(test)]
+#[path = "merge_tests.rs"]
+mod tests;
