@@ -739,3 +739,7 @@ fn inner_taps<const C: usize, const N: usize>(
         y.start = y.start.wrapping_add(y.step.wrapping_mul(BLOCK as i64));
     }
 }
+
+#[cfg(test)]
+#[path = "warp_affine_tests.rs"]
+mod tests;
