@@ -1,1 +1,0 @@
-//! Filled and stroked paths with exact area coverage.
