@@ -2,8 +2,12 @@
 
 use pegbar_engine::registry::Registry;
 
+use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
-use crate::image::ImageWarpAffine;
+use crate::image::{
+    ImageBlur, ImageCheckerboard, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert, ImagePremultiply,
+    ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
+};
 use crate::matte::MatteColorClusters;
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimeResample};
 use crate::track::TrackAffine;
@@ -27,6 +31,23 @@ fn types(registry: Registry) -> Registry {
 #[rustfmt::skip]
 fn nodes(registry: Registry) -> Registry {
     registry
+        .per_frame::<CompMask>()
+        .per_frame::<CompMerge>()
+        .per_frame::<CompOver>()
+        .per_frame::<ImageBlur>()
+        .per_frame::<ImageCheckerboard>()
+        .per_frame::<ImageConstant>()
+        .per_frame::<ImageCrop>()
+        .per_frame::<ImageFromMatte>()
+        .per_frame::<ImageGrade>()
+        .per_frame::<ImageGradient>()
+        .per_frame::<ImageInvert>()
+        .per_frame::<ImagePremultiply>()
+        .per_frame::<ImageResize>()
+        .per_frame::<ImageSharpen>()
+        .per_frame::<ImageShuffle>()
+        .per_frame::<ImageTransform>()
+        .per_frame::<ImageUnpremultiply>()
         .per_frame::<ImageWarpAffine>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<RetimeApply>()

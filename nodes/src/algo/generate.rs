@@ -27,7 +27,7 @@ pub fn checkerboard(first: &[f32], second: &[f32], size: [f64; 2], target: &mut 
 }
 
 /// How a gradient goes from its first colour to its second.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, pegbar_engine::Setting)]
 pub enum Ramp {
     /// In proportion.
     #[default]

@@ -8,7 +8,7 @@ use super::warp_affine::Source;
 use super::window::Window;
 
 /// How two pictures are merged.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, pegbar_engine::Setting)]
 pub enum Operation {
     /// A + B (1 − a).
     #[default]

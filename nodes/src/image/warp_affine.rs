@@ -12,11 +12,12 @@
 //! "swap": (type: "image.warp_affine", image: "@hat", motion: "@track"),
 //! ```
 
+use pegbar_engine::Node;
 use pegbar_engine::node::{Context, In, NodeError, PerFrame};
-use pegbar_engine::{Node, Outputs};
 
+use super::{Picture, warped};
 use crate::algo::raster::Affine;
-use crate::algo::warp_affine::{Filter, Outside, Source, WarpOptions, bounds, warp_affine};
+use crate::algo::warp_affine::{Filter, Outside, WarpOptions};
 use crate::data::{Affine2, Image};
 
 /// Moves a picture by an affine motion.
@@ -24,7 +25,7 @@ use crate::data::{Affine2, Image};
 #[node(
     id = "image.warp_affine",
     version = 1,
-    outputs = ImageWarpAffineOutputs,
+    outputs = Picture,
     source = "Bregler, Loeb, Chuang, Deshpande 2002, eq. 1",
     example = "\"swap\": (type: \"image.warp_affine\", image: \"@hat\", motion: \"@track\")"
 )]
@@ -47,33 +48,9 @@ pub(crate) struct ImageWarpAffine {
     expand: bool,
 }
 
-/// The moved picture.
-#[derive(Outputs)]
-pub(crate) struct ImageWarpAffineOutputs {
-    /// It, in a data window that holds it.
-    image: Image,
-}
-
 impl PerFrame for ImageWarpAffine {
-    fn run(self, _cx: &Context) -> Result<ImageWarpAffineOutputs, NodeError> {
+    fn run(self, _cx: &Context) -> Result<Picture, NodeError> {
         let options = WarpOptions { filter: self.filter, outside: self.outside, antialias: self.antialias };
-        let motion = Affine::from(&*self.motion);
-        let refused = |e: crate::algo::warp_affine::WarpError| NodeError::input(e.to_string());
-        let window = self.image.data_window();
-        let display = self.image.display_window();
-        let mut target = bounds(window, &motion, options).map_err(refused)?;
-        if !self.expand || self.outside == Outside::Clamp {
-            target = if self.outside == Outside::Clamp { display } else { target.intersect(&display) };
-        }
-        let channels = self.image.n_channels();
-        let len = target
-            .samples(channels)
-            .ok_or_else(|| NodeError::input("expected a picture that fits into memory, found one that does not"))?;
-        let mut samples = vec![0.0; len];
-        let source = Source::new(self.image.raster(), [window.x, window.y]);
-        warp_affine(source, &motion, options, &mut samples, target).map_err(refused)?;
-        let image = Image::new(target.width, target.height, channels, samples)
-            .ok_or_else(|| NodeError::internal("a picture of another size than its window"))?;
-        Ok(ImageWarpAffineOutputs { image: image.with_channels(self.image.channels()).with_windows(target, display) })
+        warped(&self.image, &Affine::from(&*self.motion), options, self.expand)
     }
 }

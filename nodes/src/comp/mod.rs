@@ -1,0 +1,122 @@
+//! Compositing: pictures laid over each other.
+
+mod mask;
+mod merge;
+mod over;
+
+pub(crate) use mask::CompMask;
+pub(crate) use merge::CompMerge;
+pub(crate) use over::CompOver;
+
+use std::sync::Arc;
+
+use pegbar_engine::Outputs;
+use pegbar_engine::node::{In, NodeError};
+
+use crate::algo::merge::{MergeError, MergeOptions, Operation, merge, merge_in_place};
+use crate::algo::warp_affine::Source;
+use crate::data::Image;
+
+/// The merged picture.
+#[derive(Outputs)]
+pub(crate) struct Merged {
+    /// It, premultiplied.
+    image: Image,
+}
+
+/// Channels that two pictures are merged in: both alpha, and colour where either has colour.
+fn common_channels(fg: &Image, bg: &Image) -> usize {
+    let colour = |i: &Image| i.n_channels() >= 3;
+    if colour(fg) || colour(bg) { 4 } else { 2 }
+}
+
+/// The picture in two channels (Y, A) or four (R, G, B, A), opaque where it has no alpha of its own.
+fn in_channels(image: Arc<Image>, channels: usize) -> Result<Arc<Image>, NodeError> {
+    let own = image.n_channels();
+    if own == channels && image.alpha() == Some(channels - 1) {
+        return Ok(image);
+    }
+    if !(1..=4).contains(&own) {
+        return Err(NodeError::input(format!("expected one to four channels, found {}", image.channels().join(", ")))
+            .help("pick the layer to read, or shuffle the channels"));
+    }
+    let alpha = image.alpha();
+    let mut samples = Vec::with_capacity(image.samples().len() / own * channels);
+    for pixel in image.samples().chunks_exact(own) {
+        let colour = |c: usize| if own < 3 { pixel[0] } else { pixel[c] };
+        samples.extend((0..channels - 1).map(colour));
+        samples.push(alpha.map_or(1.0, |a| pixel[a]));
+    }
+    let out = Image::new(image.width(), image.height(), channels, samples)
+        .ok_or_else(|| NodeError::internal("a picture of another size than its samples"))?;
+    Ok(Arc::new(out.with_windows(image.data_window(), image.display_window())))
+}
+
+/// The picture with an alpha channel, to be changed.
+fn with_alpha(image: In<Image>) -> Result<Image, NodeError> {
+    let image = image.shared()?;
+    let channels = if image.n_channels() >= 3 { 4 } else { 2 };
+    in_channels(image, channels).map(Arc::unwrap_or_clone)
+}
+
+fn merged(fg: In<Image>, bg: In<Image>, operation: Operation, opacity: f64) -> Result<Merged, NodeError> {
+    let (fg, bg) = (fg.shared()?, bg.shared()?);
+    let channels = common_channels(&fg, &bg);
+    let (fg, bg) = (in_channels(fg, channels)?, in_channels(bg, channels)?);
+    let options = MergeOptions { operation, opacity: opacity as f32, alpha: Some(channels - 1) };
+    let source = |i: &Image| [i.data_window().x, i.data_window().y];
+    let foreground = Source::new(fg.raster(), source(&fg));
+    let (own, display) = (bg.data_window(), bg.display_window());
+    let window = operation.bounds(fg.data_window(), own, options.opacity).intersect(&display.union(&own));
+    let refused = |e: MergeError| NodeError::input(e.to_string());
+    // What covers the same window can be merged into, where nobody else reads it.
+    let bg = match Arc::try_unwrap(bg) {
+        Ok(mut image) if window == own => {
+            merge_in_place(foreground, image.samples_mut(), channels, own, options).map_err(refused)?;
+            return Ok(Merged { image });
+        }
+        Ok(image) => Arc::new(image),
+        Err(shared) => shared,
+    };
+    let len =
+        window.samples(channels).ok_or_else(|| NodeError::input("expected a picture that fits into memory, found one that does not"))?;
+    let mut samples = vec![0.0; len];
+    merge(foreground, Source::new(bg.raster(), source(&bg)), options, &mut samples, window).map_err(refused)?;
+    let image = Image::new(window.width, window.height, channels, samples)
+        .ok_or_else(|| NodeError::internal("a picture of another size than its window"))?;
+    Ok(Merged { image: image.with_windows(window, display) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::algo::window::Window;
+
+    fn flat(width: usize, height: usize, pixel: &[f32]) -> Image {
+        Image::new(width, height, pixel.len(), pixel.repeat(width * height)).unwrap()
+    }
+
+    #[test]
+    fn half_red_lies_over_a_picture_without_alpha() {
+        let out = merged(In::new(flat(2, 1, &[0.5, 0.0, 0.0, 0.5])), In::new(flat(2, 1, &[0.0, 0.0, 1.0])), Operation::Over, 1.0).unwrap();
+        assert_eq!(out.image.samples(), [0.5, 0.0, 0.5, 1.0, 0.5, 0.0, 0.5, 1.0]);
+    }
+
+    #[test]
+    fn a_small_foreground_changes_what_it_covers_and_nothing_else() {
+        let fg = flat(1, 1, &[1.0, 1.0, 1.0, 1.0]).with_windows(Window::new(2, 1, 1, 1), Window::at_origin(4, 2));
+        let bg = Arc::new(flat(4, 2, &[0.25; 4]));
+        let out = merged(In::new(fg), In::new((*bg).clone()), Operation::Over, 1.0).unwrap();
+        assert_eq!(out.image.data_window(), Window::at_origin(4, 2));
+        let white = out.image.samples().chunks_exact(4).position(|p| p == [1.0; 4]);
+        assert_eq!(white, Some(6));
+        assert_eq!(out.image.samples().iter().filter(|v| **v == 0.25).count(), 28);
+    }
+
+    #[test]
+    fn grey_over_grey_stays_grey() {
+        let out = merged(In::new(flat(1, 1, &[0.25, 0.5])), In::new(flat(1, 1, &[1.0])), Operation::Over, 1.0).unwrap();
+        assert_eq!(out.image.samples(), [0.75, 1.0]);
+        assert_eq!(out.image.channels(), ["Y", "A"]);
+    }
+}
