@@ -3,6 +3,7 @@
 pub mod algo;
 pub mod data;
 mod image;
+mod io;
 mod matte;
 mod registry;
 mod track;

@@ -4,6 +4,7 @@ use pegbar_engine::registry::Registry;
 
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
 use crate::image::ImageWarpAffine;
+use crate::io::{IoReadImage, IoReadImages, IoWriteImages};
 use crate::matte::MatteColorClusters;
 use crate::track::TrackAffine;
 
@@ -11,5 +12,11 @@ use crate::track::TrackAffine;
 pub fn registry() -> Registry {
     let types =
         Registry::new().value::<Affine2>().value::<Image>().value::<KeyShapes>().value::<Matte>().value::<Shape>().value::<Weights>();
-    types.per_frame::<ImageWarpAffine>().recurrent::<MatteColorClusters>().recurrent::<TrackAffine>()
+    types
+        .per_frame::<ImageWarpAffine>()
+        .per_frame::<IoReadImage>()
+        .per_frame::<IoReadImages>()
+        .per_frame::<IoWriteImages>()
+        .recurrent::<MatteColorClusters>()
+        .recurrent::<TrackAffine>()
 }
