@@ -4,7 +4,7 @@ use pegbar_engine::registry::Registry;
 
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
 use crate::image::ImageWarpAffine;
-use crate::io::{IoReadImage, IoReadImages, IoWriteImages};
+use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::MatteColorClusters;
 use crate::track::TrackAffine;
 
@@ -16,7 +16,10 @@ pub fn registry() -> Registry {
         .per_frame::<ImageWarpAffine>()
         .per_frame::<IoReadImage>()
         .per_frame::<IoReadImages>()
+        .per_frame::<IoReadValue>()
         .per_frame::<IoWriteImages>()
+        .whole::<IoWriteTable>()
+        .whole::<IoWriteValue>()
         .recurrent::<MatteColorClusters>()
         .recurrent::<TrackAffine>()
 }

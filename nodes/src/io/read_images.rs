@@ -41,10 +41,10 @@ pub(crate) struct IoReadImages {
     /// The layer, part, view or channel of OpenEXR files, as `beauty` or `depth.Z`; `None` for their main colours, `*` for every channel.
     #[input(default = None)]
     layer: Option<String>,
-    /// The clock whose frames are read.
-    #[input(default = "frames")]
+    /// The clock whose frames are read; `None` for the graph's own.
+    #[input(default = None)]
     #[allow(dead_code, reason = "the checker reads it")]
-    clock: ClockName,
+    clock: Option<ClockName>,
     /// The most samples (width x height x channels) that are read; more is an error before anything is allocated.
     #[input(default = 1073741824, range = 1..=68719476736u64)]
     max_samples: u64,

@@ -8,14 +8,13 @@ use super::{Stage, only_failure};
 use crate::algo::codec::{self, EncodeOptions, Format, Picture};
 use crate::data::Image;
 
-fn picture(value: f32) -> Picture {
-    let mut pixels: Vec<f32> = (0..4 * 3 * 4).map(|i| (i % 7) as f32 / 8.0 * value).collect();
-    pixels.chunks_exact_mut(4).for_each(|p| p[3] = 1.0);
-    Picture::new(pixels, 4, 3, &["R", "G", "B", "A"]).unwrap()
-}
-
+/// A small picture; without alpha for JPEG, which has none.
 fn bytes(format: Format, value: f32) -> Vec<u8> {
-    codec::encode_to_vec(&picture(value), &EncodeOptions::new(format)).unwrap()
+    let channels: &[&str] = if format == Format::Jpeg { &["R", "G", "B"] } else { &["R", "G", "B", "A"] };
+    let n = channels.len();
+    let sample = |i: usize| if i % n == 3 { 1.0 } else { (i % 7) as f32 / 8.0 * value };
+    let picture = Picture::new((0..4 * 3 * n).map(sample).collect(), 4, 3, channels).unwrap();
+    codec::encode_to_vec(&picture, &EncodeOptions::new(format)).unwrap()
 }
 
 fn images(stage: &Stage, frames: (i64, i64), nodes: &str, node: &str) -> Result<Vec<Arc<Image>>, String> {
