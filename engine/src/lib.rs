@@ -3,12 +3,14 @@
 extern crate self as pegbar_engine;
 
 pub mod array;
+pub mod atomic;
 pub mod check;
 pub mod clock;
 pub mod diag;
 pub mod exec;
 pub mod graph;
 pub mod node;
+pub mod npz;
 pub mod plan;
 pub mod registry;
 pub mod setting;

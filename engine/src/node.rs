@@ -800,6 +800,12 @@ pub trait PerFrame: Node {
     /// Whatever keeps it from doing so.
     fn run(self, cx: &Context) -> Result<Self::Outputs, NodeError>;
 
+    /// True where the settings by themselves make the output differ from frame to frame: a file that holds a stream. Asked of sources alone, when a
+    /// graph is checked; only settings may be looked at.
+    fn is_per_frame(&self) -> bool {
+        false
+    }
+
     /// The frames of a [`Frames`] input that the frame of `cx` is made from. Only settings and constants may be looked at.
     fn reads(&self, _input: &str, cx: &Context) -> Vec<i64> {
         vec![cx.frame]
@@ -879,6 +885,14 @@ pub trait Operator: Send + Sync {
     /// # Errors
     /// Where the settings do not make a node.
     fn check(&self, args: Vec<Arg>) -> Result<Vec<Problem>, NodeError>;
+
+    /// True where the settings by themselves make the output differ from frame to frame.
+    ///
+    /// # Errors
+    /// Where the settings do not make a node.
+    fn is_per_frame(&self, _args: Vec<Arg>) -> Result<bool, NodeError> {
+        Ok(false)
+    }
 }
 
 /// The first step's answer.
@@ -901,6 +915,9 @@ impl<N: PerFrame> Operator for PerFrameOperator<N> {
     }
     fn compute(&self, args: Vec<Arg>, _state: Option<ValueRef>, cx: &Context) -> Result<Computed, NodeError> {
         Ok(Computed { outputs: N::build(args)?.run(cx)?.into_values(), state: None })
+    }
+    fn is_per_frame(&self, args: Vec<Arg>) -> Result<bool, NodeError> {
+        Ok(N::build(args)?.is_per_frame())
     }
     fn check(&self, args: Vec<Arg>) -> Result<Vec<Problem>, NodeError> {
         Ok(N::build(args)?.check())

@@ -1,6 +1,7 @@
 //! The registry: which node types and value types there are.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
@@ -16,11 +17,28 @@ pub struct NodeType {
     pub operator: Arc<dyn Operator>,
 }
 
+/// Value types by name, shared.
+#[derive(Clone, Default)]
+pub struct Types(Arc<BTreeMap<&'static str, ValueType>>);
+
+impl Types {
+    /// The value type `name`.
+    pub fn get(&self, name: &str) -> Option<&ValueType> {
+        self.0.get(name)
+    }
+}
+
+impl fmt::Debug for Types {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_set().entries(self.0.keys()).finish()
+    }
+}
+
 /// Node types and value types by name.
 #[derive(Clone, Default)]
 pub struct Registry {
     nodes: BTreeMap<&'static str, NodeType>,
-    types: BTreeMap<&'static str, ValueType>,
+    types: Types,
 }
 
 impl Registry {
@@ -32,7 +50,7 @@ impl Registry {
     /// With a value type.
     #[must_use]
     pub fn value<T: Value>(mut self) -> Self {
-        self.types.insert(T::NAME, ValueType::of::<T>());
+        Arc::make_mut(&mut self.types.0).insert(T::NAME, ValueType::of::<T>());
         self
     }
 
@@ -70,6 +88,11 @@ impl Registry {
         self.types.get(name)
     }
 
+    /// All value types, to be handed on.
+    pub fn shared_types(&self) -> &Types {
+        &self.types
+    }
+
     /// Every node type, by id.
     pub fn nodes(&self) -> impl Iterator<Item = &NodeType> {
         self.nodes.values()
@@ -77,6 +100,6 @@ impl Registry {
 
     /// Every value type, by name.
     pub fn types(&self) -> impl Iterator<Item = &ValueType> {
-        self.types.values()
+        self.types.0.values()
     }
 }

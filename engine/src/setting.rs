@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 
-use crate::value::AnyValue;
+use crate::registry::Types;
+use crate::value::{AnyValue, ValueType};
 
 /// Why a literal is not the setting it should be.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,13 +78,15 @@ pub struct Choice {
     pub doc: &'static str,
 }
 
-/// Where a graph file's relative paths are held against.
+/// What a graph file's relative paths and names are held against.
 #[derive(Clone, Debug, Default)]
 pub struct Place {
     /// Folder of the graph file in which the path is written.
     pub base: PathBuf,
     /// Folder that `$out` stands for; nothing is written outside it.
     pub out: PathBuf,
+    /// The value types that a graph may name.
+    pub types: Types,
 }
 
 fn read<T: DeserializeOwned>(text: &str) -> Result<T, SettingError> {
@@ -193,6 +196,43 @@ impl Setting for ClockName {
     }
     fn parse(text: &str) -> Result<Self, SettingError> {
         read(text).map(Self)
+    }
+}
+
+/// The name of a value type, as `"KeyShapes"`: for nodes that make values of a type which their settings decide.
+#[derive(Clone)]
+pub struct TypeName {
+    name: String,
+    ty: Option<ValueType>,
+}
+
+impl TypeName {
+    /// As in the graph file.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The type; `None` where there is none of that name, which is found when a graph is checked.
+    pub fn get(&self) -> Option<&ValueType> {
+        self.ty.as_ref()
+    }
+}
+
+impl Debug for TypeName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("TypeName").field(&self.name).finish()
+    }
+}
+
+impl Setting for TypeName {
+    fn type_name() -> String {
+        "value type".to_owned()
+    }
+    fn parse(text: &str) -> Result<Self, SettingError> {
+        Ok(Self { name: read(text)?, ty: None })
+    }
+    fn bind(self, place: &Place) -> Self {
+        Self { ty: place.types.get(&self.name).cloned(), ..self }
     }
 }
 
@@ -468,7 +508,7 @@ mod tests {
         for n in [2, 3, 9] {
             std::fs::write(folder.path().join(format!("p.{n:02}.png")), b"").unwrap();
         }
-        let place = Place { base: folder.path().to_owned(), out: PathBuf::new() };
+        let place = Place { base: folder.path().to_owned(), out: PathBuf::new(), ..Place::default() };
         let path = InputPath::parse("\"p.##.png\"").unwrap().bind(&place);
         assert_eq!(path.frames().unwrap(), [2, 3, 9]);
         let name = |f, m| path.resolve(f, m).map(|p| p.file_name().unwrap().to_string_lossy().into_owned());
@@ -481,7 +521,7 @@ mod tests {
 
     #[test]
     fn a_path_out_of_the_output_folder_is_seen() {
-        let place = Place { base: PathBuf::new(), out: PathBuf::from("out") };
+        let place = Place { base: PathBuf::new(), out: PathBuf::from("out"), ..Place::default() };
         let inside = |text: &str| OutputPath::parse(text).unwrap().bind(&place).is_inside();
         assert!(inside("\"a/b.png\""));
         assert!(inside("\"a/../b.png\""));

@@ -4,6 +4,7 @@ pub mod algo;
 mod comp;
 pub mod data;
 mod image;
+mod io;
 mod matte;
 mod registry;
 mod time;

@@ -8,6 +8,7 @@ use crate::image::{
     ImageBlur, ImageCheckerboard, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert, ImagePremultiply,
     ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
 };
+use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::MatteColorClusters;
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimeResample};
 use crate::track::TrackAffine;
@@ -49,6 +50,12 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ImageTransform>()
         .per_frame::<ImageUnpremultiply>()
         .per_frame::<ImageWarpAffine>()
+        .per_frame::<IoReadImage>()
+        .per_frame::<IoReadImages>()
+        .per_frame::<IoReadValue>()
+        .per_frame::<IoWriteImages>()
+        .whole::<IoWriteTable>()
+        .whole::<IoWriteValue>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<RetimeApply>()
         .whole::<TimeFindHolds>()

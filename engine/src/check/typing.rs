@@ -9,7 +9,7 @@ use crate::clock::Clock;
 use crate::diag::Diagnostic;
 use crate::graph::{Binding, Graph, GraphNode, Port};
 use crate::node::{Access, Arg, InputSchema, InputType, Kind, Literal, NodeSchema};
-use crate::setting::{ClockName, FileUse, InputPath, OutputPath, Place};
+use crate::setting::{ClockName, FileUse, InputPath, OutputPath, Place, TypeName};
 use crate::syntax::Tree;
 
 use super::document::Given;
@@ -136,7 +136,7 @@ impl Checker<'_> {
     }
 
     fn literal(&mut self, input: &InputSchema, given: &Given) -> Binding {
-        let place = Place { base: given.base.clone(), out: self.options.out.clone() };
+        let place = Place { base: given.base.clone(), out: self.options.out.clone(), types: self.registry.shared_types().clone() };
         match (input.parse)(&given.text, &place) {
             Ok((value, numbers)) => {
                 self.range(input, &numbers, given);
@@ -228,7 +228,8 @@ impl Checker<'_> {
         let Some(schema) = self.nodes[node].ty.as_ref().map(|t| t.schema.clone()) else { return };
         let named = self.named_clock(node, &schema, &typed[node]);
         self.wire_types(node, &schema, typed);
-        let mut per_frame = schema.uses_frame || has_sequence_path(&schema, &typed[node]);
+        let mut per_frame =
+            schema.uses_frame || has_sequence_path(&schema, &typed[node]) || self.source_streams(node, &schema, &typed[node]);
         let mut clock = named.clone();
         for (i, port, at) in typed[node].wires.clone() {
             let input = &schema.inputs[i];
@@ -264,6 +265,12 @@ impl Checker<'_> {
         typed[node].per_frame = per_frame;
         typed[node].clock = clock;
         typed[node].types = types;
+    }
+
+    /// True where a source says that what it reads is a stream.
+    fn source_streams(&self, node: usize, schema: &NodeSchema, typed: &Typed) -> bool {
+        let Some(ty) = self.nodes[node].ty.as_ref().filter(|_| schema.kind == Kind::Source) else { return false };
+        setting_args(schema, typed).is_some_and(|args| ty.operator.is_per_frame(args).unwrap_or(false))
     }
 
     fn is_single(&self, port: Port, typed: &[Typed]) -> bool {
@@ -348,7 +355,10 @@ impl Checker<'_> {
     }
 
     fn type_named(&mut self, literal: &Literal, at: At) -> Option<String> {
-        let name = literal.downcast_ref::<String>()?.clone();
+        let name = match literal.downcast_ref::<TypeName>() {
+            Some(ty) => ty.name().to_owned(),
+            None => literal.downcast_ref::<String>()?.clone(),
+        };
         if self.registry.get_type(&name).is_some() {
             return Some(name);
         }
@@ -362,19 +372,8 @@ impl Checker<'_> {
     fn check_settings(&mut self, typed: &[Typed]) {
         for node in 0..typed.len() {
             let Some(ty) = self.nodes[node].ty.clone() else { continue };
-            let complete = ty.schema.inputs.iter().zip(&typed[node].bindings).all(|(input, binding)| {
-                !matches!(input.ty, InputType::Setting { .. }) || matches!(binding, Binding::Literal { .. } | Binding::Wire(_))
-            });
-            if !complete {
-                continue;
-            }
-            let args = ty.schema.inputs.iter().zip(&typed[node].bindings).map(|(input, binding)| match binding {
-                Binding::Literal { value, .. } => Arg::Literal(value.clone()),
-                Binding::Wire(_) if matches!(input.ty, InputType::Setting { .. }) => crate::plan::placeholder(input),
-                _ if input.access == Access::Sequence && !input.list => Arg::Sequence(crate::node::SequenceRef::new(None, Vec::new())),
-                _ => Arg::None,
-            });
-            for problem in ty.operator.check(args.collect()).unwrap_or_default() {
+            let Some(args) = setting_args(&ty.schema, &typed[node]) else { continue };
+            for problem in ty.operator.check(args).unwrap_or_default() {
                 let at = ty.schema.input(problem.input).map_or(self.nodes[node].at, |(i, _)| typed[node].places[i]);
                 self.error(code::SETTINGS, at, problem.message);
             }
@@ -418,6 +417,18 @@ impl Checker<'_> {
         clocks.sort_by_key(|c| c.name != "frames");
         Some(Graph { clocks, nodes, outputs })
     }
+}
+
+/// What stands at each input as far as settings go; `None` where a setting is not there.
+fn setting_args(schema: &NodeSchema, typed: &Typed) -> Option<Vec<Arg>> {
+    let one = |(input, binding): (&InputSchema, &Binding)| match binding {
+        Binding::Literal { value, .. } => Some(Arg::Literal(value.clone())),
+        Binding::Wire(_) if matches!(input.ty, InputType::Setting { .. }) => Some(crate::plan::placeholder(input)),
+        _ if matches!(input.ty, InputType::Setting { .. }) => None,
+        _ if input.access == Access::Sequence && !input.list => Some(Arg::Sequence(crate::node::SequenceRef::new(None, Vec::new()))),
+        _ => Some(Arg::None),
+    };
+    schema.inputs.iter().zip(&typed.bindings).map(one).collect()
 }
 
 fn has_sequence_path(schema: &NodeSchema, typed: &Typed) -> bool {

@@ -1,0 +1,58 @@
+//! What the file nodes share: bytes read with a limit, files written whole, and whose fault a failure is.
+
+use std::fs::File;
+use std::io::{BufWriter, Read};
+use std::path::Path;
+
+use pegbar_engine::atomic;
+use pegbar_engine::node::{Fault, NodeError};
+
+use crate::algo::codec::CodecError;
+
+/// The most bytes that one file may have: more is a mistake, as a device or a disk image in place of a picture.
+const MAX_FILE: u64 = 16 << 30;
+
+/// Opens a file to be read.
+pub(super) fn open(path: &Path) -> Result<File, NodeError> {
+    let file = File::open(path).map_err(|e| NodeError::io(path, e))?;
+    let about = file.metadata().map_err(|e| NodeError::io(path, e))?;
+    if !about.is_file() {
+        return Err(NodeError::io(path, "expected a file, found a folder or a device"));
+    }
+    if about.len() > MAX_FILE {
+        return Err(NodeError::new(Fault::Limit, format!("{}: expected at most {MAX_FILE} bytes, found {}", path.display(), about.len())));
+    }
+    Ok(file)
+}
+
+/// All bytes of a file.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>, NodeError> {
+    let mut bytes = Vec::new();
+    open(path)?.read_to_end(&mut bytes).map_err(|e| NodeError::io(path, e))?;
+    Ok(bytes)
+}
+
+/// Writes a file whole or not at all.
+pub(super) fn write<E: std::fmt::Display>(
+    path: &Path,
+    fault: Fault,
+    contents: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
+) -> Result<(), NodeError> {
+    atomic::write(path, contents).map_err(|error| match error {
+        atomic::WriteError::File { .. } => NodeError::new(Fault::Io, error.to_string()),
+        atomic::WriteError::Contents { .. } => NodeError::new(fault, error.to_string()),
+    })
+}
+
+/// A codec's failure at a file.
+pub(super) fn codec_error(path: &Path, error: &CodecError) -> NodeError {
+    let fault = match error {
+        CodecError::UnknownFormat { .. } | CodecError::Corrupt { .. } | CodecError::BadPicture { .. } => Fault::Input,
+        CodecError::Unsupported { .. } => Fault::Unsupported,
+        CodecError::TooLarge { .. } => Fault::Limit,
+        CodecError::NoLayer { .. } | CodecError::Combination { .. } => Fault::Parameters,
+        CodecError::NotFinite { .. } => Fault::Numeric,
+        CodecError::Io(_) => Fault::Io,
+    };
+    NodeError::new(fault, format!("{}: {error}", path.display()))
+}
