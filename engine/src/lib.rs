@@ -8,6 +8,7 @@ pub mod clock;
 pub mod diag;
 pub mod exec;
 pub mod graph;
+pub mod job;
 pub mod node;
 pub mod plan;
 pub mod registry;
