@@ -42,6 +42,11 @@ const CHECK_EXAMPLES: &str = "Examples:
 
 Nothing is run and nothing is written. Files that the graph reads must be there.";
 
+const EXPLAIN_EXAMPLES: &str = "Examples:
+  pegbar explain track.affine    its inputs with units, ranges, defaults and choices, its outputs, its source, an example
+  pegbar explain Affine2         the arrays that the type is made of, and the nodes that make and take it
+  pegbar explain PB0142          what the code means, with a broken and a mended example";
+
 /// Runs dataflow graphs of animation nodes: capture drawn motion, put it on other drawings, stylise it, lift it to 3D.
 #[derive(Debug, Parser)]
 #[command(name = "pegbar", version, about, after_help = CLI_EXAMPLES, arg_required_else_help = true, max_term_width = 110)]
@@ -58,6 +63,18 @@ pub(crate) enum Command {
     /// Check a graph: report everything that is wrong with it, and run nothing.
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
+    /// List the node types, by family.
+    #[command(after_help = "Examples:\n  pegbar nodes                                      one line each\n  pegbar nodes --format json | jq '.[].id'          everything that is known of them")]
+    Nodes(ListArgs),
+    /// List the value types that travel along wires.
+    #[command(after_help = "Examples:\n  pegbar types                 one line each\n  pegbar types --format json   with arrays, element types and shapes")]
+    Types(ListArgs),
+    /// Explain a node type, a value type or a diagnostic code.
+    #[command(after_help = EXPLAIN_EXAMPLES)]
+    Explain(ExplainArgs),
+    /// Draw a graph: nodes, ports, and wires with their types.
+    #[command(after_help = "Examples:\n  pegbar graph hat.ron --format svg > hat.svg\n  pegbar graph hat.ron --format dot | dot -Tpdf > hat.pdf\n\nThe same graph is always drawn the same.")]
+    Graph(DrawArgs),
     /// Print a completion script for a shell.
     #[command(after_help = "Examples:\n  pegbar completions bash > ~/.local/share/bash-completion/completions/pegbar\n  pegbar completions zsh > ~/.zfunc/_pegbar")]
     Completions(CompletionsArgs),
@@ -111,6 +128,41 @@ pub(crate) struct CheckArgs {
     /// Text for people on stderr, or JSON for programs on stdout.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ListArgs {
+    /// One line each for people, or JSON with everything for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ExplainArgs {
+    /// Node type (track.affine), value type (Affine2) or code (PB0142).
+    #[arg(value_name = "NAME")]
+    pub(crate) name: String,
+    /// Text for people, or JSON for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct DrawArgs {
+    #[command(flatten)]
+    pub(crate) graph: GraphArgs,
+    /// Graphviz source, or a picture laid out by Pegbar itself.
+    #[arg(long, value_enum, default_value_t = Drawing::Svg)]
+    pub(crate) format: Drawing,
+}
+
+/// The form of a drawing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Drawing {
+    /// Source for Graphviz.
+    Dot,
+    /// A picture.
+    Svg,
 }
 
 #[derive(Args, Debug)]

@@ -4,8 +4,12 @@
 
 mod args;
 mod check;
+mod codes;
 mod completions;
 mod console;
+mod explain;
+mod graph;
+mod list;
 mod progress;
 mod run;
 mod summary;
@@ -33,6 +37,13 @@ where
     match cli.command {
         args::Command::Run(args) => run::run(&args, registry, console),
         args::Command::Check(args) => check::check(&args, registry, console),
+        args::Command::Nodes(args) => list::nodes(&args, registry, console),
+        args::Command::Types(args) => list::types(&args, registry, console),
+        args::Command::Explain(args) => explain::explain(&args, registry, console),
+        args::Command::Graph(args) => graph::graph(&args, registry, console),
         args::Command::Completions(args) => completions::completions(&args, console),
     }
 }
+
+#[cfg(test)]
+mod tests;
