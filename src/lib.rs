@@ -1,1 +1,49 @@
-//! Pegbar as a library: the node registry of the command line, and its parts.
+//! Pegbar's command line as a library: [`run_cli`] takes arguments, a registry of nodes and a [`Console`], and gives an exit code.
+//!
+//! The engine is `pegbar_engine`, the nodes are `pegbar_nodes`; what is here reads arguments and shows results. One file a subcommand.
+
+mod args;
+mod check;
+mod codes;
+mod completions;
+mod console;
+mod explain;
+mod graph;
+mod list;
+mod progress;
+mod run;
+mod summary;
+
+use std::ffi::OsString;
+
+use clap::Parser;
+use pegbar_engine::registry::Registry;
+
+pub use console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG};
+
+/// Runs one command.
+///
+/// Exit codes: 0 every output that was asked for exists and is whole; 1 a node failed or an output is missing; 2 the graph or the command
+/// line is wrong; 130 cancelled.
+pub fn run_cli<I, T>(args: I, registry: &Registry, console: &mut Console) -> u8
+where
+    I: IntoIterator<Item = T>,
+    T: Into<OsString> + Clone,
+{
+    let cli = match args::Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(error) => return console.clap(&error),
+    };
+    match cli.command {
+        args::Command::Run(args) => run::run(&args, registry, console),
+        args::Command::Check(args) => check::check(&args, registry, console),
+        args::Command::Nodes(args) => list::nodes(&args, registry, console),
+        args::Command::Types(args) => list::types(&args, registry, console),
+        args::Command::Explain(args) => explain::explain(&args, registry, console),
+        args::Command::Graph(args) => graph::graph(&args, registry, console),
+        args::Command::Completions(args) => completions::completions(&args, console),
+    }
+}
+
+#[cfg(test)]
+mod tests;

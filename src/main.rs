@@ -1,3 +1,27 @@
 //! The command line.
 
-fn main() {}
+use std::io::IsTerminal;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use pegbar::{Console, EXIT_CANCELLED, run_cli};
+use pegbar_engine::node::Cancel;
+
+static ASKED: AtomicBool = AtomicBool::new(false);
+
+fn main() -> ExitCode {
+    let cancel = Cancel::default();
+    let handle = cancel.clone();
+    // Without the handler Ctrl-C still ends the process, so a failure to set it is no reason not to run.
+    let _ = ctrlc::set_handler(move || {
+        if ASKED.swap(true, Ordering::SeqCst) {
+            std::process::exit(i32::from(EXIT_CANCELLED));
+        }
+        handle.cancel();
+    });
+    let is_terminal = std::io::stderr().is_terminal();
+    let no_color = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
+    let (mut stdout, mut stderr) = (std::io::stdout(), std::io::stderr());
+    let mut console = Console { stdout: &mut stdout, stderr: &mut stderr, is_terminal, colour: is_terminal && !no_color, cancel };
+    ExitCode::from(run_cli(std::env::args_os(), &pegbar_nodes::registry(), &mut console))
+}

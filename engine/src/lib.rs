@@ -9,6 +9,7 @@ pub mod clock;
 pub mod diag;
 pub mod exec;
 pub mod graph;
+pub mod job;
 pub mod node;
 pub mod npz;
 pub mod plan;

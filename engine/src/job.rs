@@ -1,0 +1,327 @@
+//! A job: what of a graph is to be made, and what came of it, in words that point at the graph file.
+//!
+//! [`Job::new`] chooses the targets and holds frame ranges against clocks, [`Job::prepare`] sees to it that the output folder can be written
+//! before anything runs, and [`Job::run`] runs and turns failures into located [`Diagnostic`]s, one for each node and message.
+
+mod frames;
+mod tap;
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crate::diag::{Diagnostic, Label, Severity};
+use crate::exec::{Failure, Observer, Options, Report, execute};
+use crate::graph::{Binding, Graph, Port};
+use crate::node::{Cancel, Kind, NodeError};
+use crate::plan::{PlanError, Target};
+use crate::setting::{FileUse, OutputPath};
+
+pub use frames::{FrameRange, FrameSet, FramesError, frame_ranges};
+use tap::Tap;
+
+/// The codes of what can go wrong with a job.
+pub mod code {
+    /// A node failed.
+    pub const NODE_FAILED: &str = "PB0500";
+    /// A file that should have been written is not there.
+    pub const MISSING_OUTPUT: &str = "PB0501";
+    /// A frame that the clock does not have, or a frame range that is none.
+    pub const BAD_FRAMES: &str = "PB0510";
+    /// `--only` names a node or an output that there is not.
+    pub const UNKNOWN_TARGET: &str = "PB0511";
+    /// The graph has nothing that writes.
+    pub const NOTHING_TO_RUN: &str = "PB0512";
+    /// The output folder cannot be written.
+    pub const BAD_OUTPUT_FOLDER: &str = "PB0513";
+}
+
+/// What the caller asks for.
+#[derive(Clone, Debug, Default)]
+pub struct Request {
+    /// A node, or one of its outputs as `node.port`; every sink of the graph where `None`.
+    pub only: Option<String>,
+    /// Frames, of each target's own clock; all of them where `None`.
+    pub frames: Option<FrameSet>,
+    /// The output folder.
+    pub out: PathBuf,
+}
+
+/// A graph with its targets.
+pub struct Job {
+    /// The graph, with a tap at each output that is taken without a sink.
+    graph: Graph,
+    /// Nodes of the graph as it was given; those behind are taps.
+    nodes: usize,
+    targets: Vec<Target>,
+    taps: Vec<Tap>,
+    out: PathBuf,
+}
+
+/// What came of a job.
+pub struct Outcome {
+    /// What went wrong, each pointing at a node of the graph file.
+    pub diagnostics: Vec<Diagnostic>,
+    /// The executor's report; its statistics are of the graph's own nodes.
+    pub report: Report,
+    /// Files that were asked for and are there, in the order of the graph and the frames.
+    pub written: Vec<PathBuf>,
+    /// Distinct frames asked for; 1 where nothing that was asked for changes over time.
+    pub frames: usize,
+    /// Time from start to end.
+    pub wall: Duration,
+}
+
+impl Outcome {
+    /// True where every output that was asked for exists and is whole.
+    pub fn is_complete(&self) -> bool {
+        self.report.is_complete() && self.diagnostics.is_empty()
+    }
+}
+
+/// True for a node whose work is what it leaves behind.
+fn is_sink(graph: &Graph, node: usize) -> bool {
+    let schema = &graph.nodes[node].ty.schema;
+    schema.kind == Kind::Sink || schema.outputs.is_empty()
+}
+
+impl Job {
+    /// Chooses what is to be made.
+    ///
+    /// # Errors
+    /// Where there is nothing to make, the target is not in the graph, or a frame is not on its clock.
+    pub fn new(graph: &Graph, request: &Request) -> Result<Self, Diagnostic> {
+        let mut job = Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: request.out.clone() };
+        let nodes = match &request.only {
+            Some(name) => job.choose(name)?,
+            None => job.sinks()?,
+        };
+        let mut any_frames = false;
+        for node in nodes {
+            let spec = &job.graph.nodes[node];
+            let frames = match &request.frames {
+                Some(set) if !spec.runs_once() => Some(set.on(&spec.clock).map_err(|e| bad_frames(&e))?),
+                _ => None,
+            };
+            any_frames |= frames.is_some();
+            job.targets.push(Target { node, frames });
+        }
+        match &request.frames {
+            Some(set) if !any_frames => Err(frames_of_nothing(set)),
+            _ => Ok(job),
+        }
+    }
+
+    fn sinks(&self) -> Result<Vec<usize>, Diagnostic> {
+        let sinks: Vec<usize> = (0..self.nodes).filter(|&n| is_sink(&self.graph, n)).collect();
+        if sinks.is_empty() { Err(nothing_to_run(&self.graph)) } else { Ok(sinks) }
+    }
+
+    /// The node called `name`, if it is a sink; else a tap on each of its outputs, or on the one that is named.
+    fn choose(&mut self, name: &str) -> Result<Vec<usize>, Diagnostic> {
+        if let Some(node) = self.graph.find(name) {
+            if is_sink(&self.graph, node) {
+                return Ok(vec![node]);
+            }
+            let outputs = self.graph.nodes[node].ty.schema.outputs.len();
+            return Ok((0..outputs).map(|output| self.tap(Port { node, output })).collect());
+        }
+        let port = name.rsplit_once('.').and_then(|(node, port)| {
+            let node = self.graph.find(node)?;
+            let (output, _) = self.graph.nodes[node].ty.schema.output(port)?;
+            Some(Port { node, output })
+        });
+        let declared = || self.graph.outputs.iter().find(|(n, _)| n == name).map(|(_, p)| *p);
+        match port.or_else(declared) {
+            Some(port) => Ok(vec![self.tap(port)]),
+            None => Err(unknown_target(&self.graph, name)),
+        }
+    }
+
+    fn tap(&mut self, port: Port) -> usize {
+        let file = self.out.join(format!("{}.npz", self.graph.port_name(port).replace('/', ".")));
+        let (tap, node) = Tap::new(&self.graph, port, file);
+        self.taps.push(tap);
+        self.graph.nodes.push(node);
+        self.graph.nodes.len() - 1
+    }
+
+    /// Indices of the nodes that are asked for, with the frames of each; a node at or above [`Job::node_count`] collects an output.
+    pub fn targets(&self) -> &[Target] {
+        &self.targets
+    }
+
+    /// Number of nodes of the graph as it was given.
+    pub fn node_count(&self) -> usize {
+        self.nodes
+    }
+
+    /// Distinct frames asked for; 1 where nothing changes over time.
+    pub fn frame_count(&self) -> usize {
+        let mut frames: Vec<i64> = self.targets.iter().flat_map(|t| self.frames_of(t)).collect();
+        frames.sort_unstable();
+        frames.dedup();
+        frames.len().max(1)
+    }
+
+    fn frames_of(&self, target: &Target) -> Vec<i64> {
+        let node = &self.graph.nodes[target.node];
+        match &target.frames {
+            Some(frames) => frames.clone(),
+            None if node.runs_once() => vec![node.clock.first],
+            None => node.clock.frames().collect(),
+        }
+    }
+
+    /// Makes the output folder and tries to write into it, so that a run does not end in an error that was there from the start.
+    ///
+    /// # Errors
+    /// Where the folder cannot be made or written.
+    pub fn prepare(&self) -> Result<(), Diagnostic> {
+        if self.taps.is_empty() && self.files().is_empty() {
+            return Ok(());
+        }
+        let made = std::fs::create_dir_all(&self.out).and_then(|()| tempfile::tempfile_in(&self.out).map(drop));
+        made.map_err(|error| {
+            let message = format!("expected an output folder that can be written at {}, found: {error}", self.out.display());
+            Diagnostic::new(Severity::Error, code::BAD_OUTPUT_FOLDER, message).help("choose another folder with --out, or free this one")
+        })
+    }
+
+    /// Runs the graph. A failing node stops what hangs on it and nothing else.
+    pub fn run(&self, threads: usize, cancel: &Cancel, observer: &dyn Observer) -> Outcome {
+        let start = Instant::now();
+        let options = Options { threads, in_flight: 0, cancel: cancel.clone(), observer };
+        let (mut report, mut diagnostics) = match execute(&self.graph, &self.targets, &[], &options) {
+            Ok(report) => (report, Vec::new()),
+            Err(error) => (Report { unreached: self.targets.len(), ..Report::default() }, vec![self.plan_failed(&error)]),
+        };
+        diagnostics.extend(self.failures(&report.failures));
+        if report.failures.is_empty() && !report.cancelled && diagnostics.is_empty() {
+            diagnostics.extend(self.write_taps());
+        }
+        let written = if diagnostics.is_empty() && report.is_complete() { self.look_for_files(&mut diagnostics) } else { self.present() };
+        report.stats.truncate(self.nodes);
+        Outcome { diagnostics, report, written, frames: self.frame_count(), wall: start.elapsed() }
+    }
+
+    /// One diagnostic for each node and message, in the order of the graph.
+    fn failures(&self, failures: &[Failure]) -> Vec<Diagnostic> {
+        let mut groups: BTreeMap<(usize, &str), Vec<&Failure>> = BTreeMap::new();
+        for failure in failures.iter().filter(|f| !f.error.cancelled) {
+            groups.entry((failure.node, failure.error.message.as_str())).or_default().push(failure);
+        }
+        groups.into_iter().filter_map(|((node, _), group)| Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))).collect()
+    }
+
+    fn failed(&self, node: usize, mut frames: Vec<i64>, error: &NodeError, inputs: &[String]) -> Diagnostic {
+        frames.sort_unstable();
+        let spec = &self.graph.nodes[node];
+        let when = match frames.len() {
+            0 => String::new(),
+            1 => format!(" at frame {}", frame_ranges(&frames)),
+            _ => format!(" at frames {}", frame_ranges(&frames)),
+        };
+        let mut label = Label::new(spec.file, spec.span);
+        label.text = spec.ty.schema.id.to_owned();
+        if !inputs.is_empty() {
+            // Writing into a string cannot fail.
+            let _ = write!(label.text, " with {}", inputs.join(", "));
+        }
+        let failed = Diagnostic::error(code::NODE_FAILED, format!("node `{}` failed{when}: {}", spec.name, error.message), label);
+        error.help.iter().fold(failed, |d, help| d.help(help.clone()))
+    }
+
+    fn plan_failed(&self, error: &PlanError) -> Diagnostic {
+        self.failed(error.node, error.frame.into_iter().collect(), &error.error, &[])
+    }
+
+    /// Writes what the taps collected, a file each.
+    fn write_taps(&self) -> Vec<Diagnostic> {
+        let failed = |tap: &Tap| tap.write().err().map(|error| self.failed(tap.port.node, Vec::new(), &error, &[]));
+        self.taps.iter().filter_map(failed).collect()
+    }
+
+    /// Every file that the targets write, with the node that does.
+    fn files(&self) -> Vec<(usize, PathBuf)> {
+        let mut files: Vec<(usize, PathBuf)> = self.taps.iter().map(|t| (t.port.node, t.file.clone())).collect();
+        for target in &self.targets {
+            for path in written_paths(&self.graph, target.node) {
+                let frames = if path.is_sequence() { self.frames_of(target) } else { vec![0] };
+                files.extend(frames.into_iter().map(|f| (target.node, path.at(f))));
+            }
+        }
+        files
+    }
+
+    fn present(&self) -> Vec<PathBuf> {
+        self.files().into_iter().map(|(_, path)| path).filter(|p| is_whole(p)).collect()
+    }
+
+    /// The files that are there, and a diagnostic for each node of which some are not.
+    fn look_for_files(&self, diagnostics: &mut Vec<Diagnostic>) -> Vec<PathBuf> {
+        let (present, absent): (Vec<_>, Vec<_>) = self.files().into_iter().partition(|(_, p)| is_whole(p));
+        let mut by_node: BTreeMap<usize, Vec<PathBuf>> = BTreeMap::new();
+        for (node, path) in absent {
+            by_node.entry(node).or_default().push(path);
+        }
+        for (node, paths) in by_node {
+            let spec = &self.graph.nodes[node];
+            let first = paths.first().map(|p| p.display().to_string()).unwrap_or_default();
+            let more = if paths.len() > 1 { format!(" and {} more", paths.len() - 1) } else { String::new() };
+            let message = format!("expected a file at {first}{more} from node `{}`, found none", spec.name);
+            diagnostics.push(Diagnostic::error(code::MISSING_OUTPUT, message, Label::new(spec.file, spec.span)));
+        }
+        present.into_iter().map(|(_, path)| path).collect()
+    }
+}
+
+fn is_whole(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() > 0)
+}
+
+/// The paths that a node's settings say it writes.
+fn written_paths(graph: &Graph, node: usize) -> Vec<OutputPath> {
+    let spec = &graph.nodes[node];
+    let pairs = spec.inputs.iter().zip(&spec.ty.schema.inputs).filter(|(_, s)| s.files == FileUse::Write);
+    let path = |value: &Arc<dyn std::any::Any + Send + Sync>| value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten());
+    pairs.filter_map(|(binding, _)| if let Binding::Literal { value, .. } = binding { path(value) } else { None }).collect()
+}
+
+fn bad_frames(error: &FramesError) -> Diagnostic {
+    let help = "frames are numbers and ranges of the graph's clock, as 5, 1-48, 1-48x2 or 1-10,20";
+    Diagnostic::new(Severity::Error, code::BAD_FRAMES, error.to_string()).help(help)
+}
+
+fn frames_of_nothing(set: &FrameSet) -> Diagnostic {
+    let message = format!("expected a target with a value a frame for frames {set}, found only targets that run once");
+    Diagnostic::new(Severity::Error, code::BAD_FRAMES, message).help("leave --frames out")
+}
+
+fn unknown_target(graph: &Graph, name: &str) -> Diagnostic {
+    let mut known: Vec<String> = graph.nodes.iter().map(|n| n.name.clone()).collect();
+    for (i, node) in graph.nodes.iter().enumerate() {
+        known.extend((0..node.ty.schema.outputs.len()).map(|output| graph.port_name(Port { node: i, output })));
+    }
+    let found = Diagnostic::new(Severity::Error, code::UNKNOWN_TARGET, format!("expected a node of the graph, found `{name}`"));
+    let hinted = found.did_you_mean(name, known.iter().map(String::as_str));
+    if !hinted.help.is_empty() {
+        return hinted;
+    }
+    let names: Vec<&str> = graph.nodes.iter().map(|n| n.name.as_str()).take(12).collect();
+    let more = if graph.nodes.len() > names.len() { ", ..." } else { "" };
+    hinted.help(format!("the nodes are {}{more}", names.join(", ")))
+}
+
+fn nothing_to_run(graph: &Graph) -> Diagnostic {
+    let found = Diagnostic::new(Severity::Error, code::NOTHING_TO_RUN, "expected a node that writes files, found none in the graph");
+    let found = found.help("add one, such as \"out\": (type: \"io.write_images\", image: \"@comp\", path: \"$out/comp.####.exr\")");
+    let takes: Vec<String> = graph.outputs.iter().map(|(_, port)| graph.port_name(*port)).collect();
+    let example = takes.first().cloned().or_else(|| graph.nodes.last().map(|n| n.name.clone()));
+    match example {
+        Some(name) => found.help(format!("or write the values of a node as .npz with --only, such as --only {name}")),
+        None => found,
+    }
+}

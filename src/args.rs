@@ -1,0 +1,202 @@
+//! The command line's arguments and their help.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use pegbar_engine::check::LoadOptions;
+use pegbar_engine::job::FrameSet;
+
+const EXIT_CODES: &str = "Exit codes:
+  0    every output that was asked for exists and is whole
+  1    a node failed, or an output is missing
+  2    the graph or the command line is wrong
+  130  cancelled by Ctrl-C (a second Ctrl-C ends at once)";
+
+const CLI_EXAMPLES: &str = "Examples:
+  pegbar check examples/hat/hat.ron        find everything that is wrong, run nothing
+  pegbar run examples/hat/hat.ron          write its pictures under out/
+  pegbar nodes                             list the node types
+  pegbar explain track.affine              inputs, units, ranges and defaults of one
+  pegbar explain PB0142                    what an error code means, and how to mend it
+
+Exit codes:
+  0    every output that was asked for exists and is whole
+  1    a node failed, or an output is missing
+  2    the graph or the command line is wrong
+  130  cancelled by Ctrl-C (a second Ctrl-C ends at once)";
+
+const RUN_EXAMPLES: &str = "Examples:
+  pegbar run hat.ron                               all frames, written under out/
+  pegbar run hat.ron --frames 1-48x2 --out /tmp/t  every second frame, elsewhere
+  pegbar run hat.ron --var plate=clips/b.####.png  another value for a parameter of the graph
+  pegbar run hat.ron --set track.levels=4          another value for an input of a node
+  pegbar run hat.ron --only track.motion           the motion alone, as out/track.motion.npz
+  pegbar run hat.ron --progress json | jq .        for a farm: one JSON object a line
+
+Progress goes to stderr, but for --progress json, which goes to stdout.";
+
+const CHECK_EXAMPLES: &str = "Examples:
+  pegbar check hat.ron                           errors with the source underlined, on stderr
+  pegbar check hat.ron --format json             for editors: every problem with file, line and column, on stdout
+  pegbar check hat.ron --var plate=b.####.png    as `run` would see it with that parameter
+
+Nothing is run and nothing is written. Files that the graph reads must be there.";
+
+const EXPLAIN_EXAMPLES: &str = "Examples:
+  pegbar explain track.affine    its inputs with units, ranges, defaults and choices, its outputs, its source, an example
+  pegbar explain Affine2         the arrays that the type is made of, and the nodes that make and take it
+  pegbar explain PB0142          what the code means, with a broken and a mended example";
+
+/// Runs dataflow graphs of animation nodes: capture drawn motion, put it on other drawings, stylise it, lift it to 3D.
+#[derive(Debug, Parser)]
+#[command(name = "pegbar", version, about, after_help = CLI_EXAMPLES, arg_required_else_help = true, max_term_width = 110)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Run a graph: make every file that its sinks write.
+    #[command(after_help = RUN_EXAMPLES, after_long_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
+    Run(RunArgs),
+    /// Check a graph: report everything that is wrong with it, and run nothing.
+    #[command(after_help = CHECK_EXAMPLES)]
+    Check(CheckArgs),
+    /// List the node types, by family.
+    #[command(after_help = "Examples:\n  pegbar nodes                                      one line each\n  pegbar nodes --format json | jq '.[].id'          everything that is known of them")]
+    Nodes(ListArgs),
+    /// List the value types that travel along wires.
+    #[command(after_help = "Examples:\n  pegbar types                 one line each\n  pegbar types --format json   with arrays, element types and shapes")]
+    Types(ListArgs),
+    /// Explain a node type, a value type or a diagnostic code.
+    #[command(after_help = EXPLAIN_EXAMPLES)]
+    Explain(ExplainArgs),
+    /// Draw a graph: nodes, ports, and wires with their types.
+    #[command(after_help = "Examples:\n  pegbar graph hat.ron --format svg > hat.svg\n  pegbar graph hat.ron --format dot | dot -Tpdf > hat.pdf\n\nThe same graph is always drawn the same.")]
+    Graph(DrawArgs),
+    /// Print a completion script for a shell.
+    #[command(after_help = "Examples:\n  pegbar completions bash > ~/.local/share/bash-completion/completions/pegbar\n  pegbar completions zsh > ~/.zfunc/_pegbar")]
+    Completions(CompletionsArgs),
+}
+
+/// A graph, and what is set from outside.
+#[derive(Args, Debug)]
+pub(crate) struct GraphArgs {
+    /// Graph file (.ron).
+    #[arg(value_name = "GRAPH")]
+    pub(crate) graph: PathBuf,
+    /// Folder that `$out` stands for in the graph; made if it is not there. Nothing is written outside it.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub(crate) out: PathBuf,
+    /// Value of an input of a node, in place of what the graph says: a literal as in the graph file, or a bare word.
+    #[arg(long = "set", value_name = "NODE.INPUT=VALUE", value_parser = pair)]
+    pub(crate) set: Vec<(String, String)>,
+    /// Value of a parameter of the graph.
+    #[arg(long = "var", value_name = "NAME=VALUE", value_parser = pair)]
+    pub(crate) var: Vec<(String, String)>,
+}
+
+impl GraphArgs {
+    pub(crate) fn load_options(&self) -> LoadOptions {
+        LoadOptions { out: self.out.clone(), variables: self.var.clone(), overrides: self.set.clone() }
+    }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct RunArgs {
+    #[command(flatten)]
+    pub(crate) graph: GraphArgs,
+    /// Frames to make: 5, 1-48, 1-48x2 (every second), -10--5, or a list as 1-10,20. All frames of the graph if left out.
+    #[arg(long, value_name = "FRAMES", allow_hyphen_values = true)]
+    pub(crate) frames: Option<FrameSet>,
+    /// Make only this node. A node that writes no file has its outputs written to DIR/NODE.OUTPUT.npz; NODE.OUTPUT takes one of them.
+    #[arg(long, value_name = "NODE")]
+    pub(crate) only: Option<String>,
+    /// Threads; as many as the processor runs at once if left out. The result is the same for any number.
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// How progress is shown.
+    #[arg(long, value_enum, default_value_t = Progress::Auto)]
+    pub(crate) progress: Progress,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct CheckArgs {
+    #[command(flatten)]
+    pub(crate) graph: GraphArgs,
+    /// Text for people on stderr, or JSON for programs on stdout.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ListArgs {
+    /// One line each for people, or JSON with everything for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ExplainArgs {
+    /// Node type (track.affine), value type (Affine2) or code (PB0142).
+    #[arg(value_name = "NAME")]
+    pub(crate) name: String,
+    /// Text for people, or JSON for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct DrawArgs {
+    #[command(flatten)]
+    pub(crate) graph: GraphArgs,
+    /// Graphviz source, or a picture laid out by Pegbar itself.
+    #[arg(long, value_enum, default_value_t = Drawing::Svg)]
+    pub(crate) format: Drawing,
+}
+
+/// The form of a drawing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Drawing {
+    /// Source for Graphviz.
+    Dot,
+    /// A picture.
+    Svg,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct CompletionsArgs {
+    /// Shell.
+    #[arg(value_enum)]
+    pub(crate) shell: clap_complete::Shell,
+}
+
+/// How progress is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Progress {
+    /// A bar on a terminal, else plain lines.
+    Auto,
+    /// A line when a node starts or is done, and a total every few seconds, on stderr.
+    Plain,
+    /// JSON objects, one a line, on stdout.
+    Json,
+    /// Errors alone.
+    None,
+}
+
+/// The form of a result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Format {
+    /// For people.
+    Text,
+    /// For programs.
+    Json,
+}
+
+fn pair(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.trim().is_empty() => Ok((name.trim().to_owned(), value.to_owned())),
+        _ => Err(format!("expected NAME=VALUE, found `{text}`")),
+    }
+}

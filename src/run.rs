@@ -1,0 +1,85 @@
+//! `pegbar run`: makes what a graph writes.
+
+use pegbar_engine::check::{Loaded, load};
+use pegbar_engine::diag::Diagnostic;
+use pegbar_engine::graph::Graph;
+use pegbar_engine::job::{Job, Outcome, Request};
+use pegbar_engine::registry::Registry;
+
+use crate::args::{Progress, RunArgs};
+use crate::check::say_total;
+use crate::console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG, count};
+use crate::progress::{Reporter, Style, finished_line};
+use crate::summary::summary;
+
+pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) -> u8 {
+    let loaded = load(&args.graph.graph, registry, &args.graph.load_options());
+    console.diagnostics(&loaded.sources, &loaded.diagnostics);
+    let Some(graph) = &loaded.graph else {
+        say_total(&args.graph.graph.display().to_string(), &loaded, console);
+        return EXIT_WRONG;
+    };
+    let request = Request { only: args.only.clone(), frames: args.frames.clone(), out: args.graph.out.clone() };
+    let job = match Job::new(graph, &request).and_then(|job| job.prepare().map(|()| job)) {
+        Ok(job) => job,
+        Err(wrong) => return refuse(&loaded, wrong, console),
+    };
+    let outcome = watched(args, graph, &job, console);
+    conclude(args, &loaded, graph, &outcome, console)
+}
+
+fn refuse(loaded: &Loaded, wrong: Diagnostic, console: &mut Console) -> u8 {
+    console.diagnostics(&loaded.sources, &[wrong]);
+    EXIT_WRONG
+}
+
+/// Runs the job while another thread shows how far it is.
+fn watched(args: &RunArgs, graph: &Graph, job: &Job, console: &mut Console) -> Outcome {
+    let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let style = match args.progress {
+        Progress::Auto if console.is_terminal => Style::Bar,
+        Progress::Auto | Progress::Plain => Style::Plain,
+        Progress::Json => Style::Json,
+        Progress::None => Style::Silent,
+    };
+    let cancel = console.cancel.clone();
+    let reporter = Reporter::new(graph, job, style);
+    std::thread::scope(|scope| {
+        let ticker = (style != Style::Silent).then(|| scope.spawn(|| reporter.tick(console)));
+        let outcome = job.run(threads, &cancel, &reporter);
+        reporter.end();
+        if let Some(ticker) = ticker {
+            // The ticker only writes; were it to panic, the outcome still stands.
+            let _ = ticker.join();
+        }
+        outcome
+    })
+}
+
+fn conclude(args: &RunArgs, loaded: &Loaded, graph: &Graph, outcome: &Outcome, console: &mut Console) -> u8 {
+    let shows_summary = matches!(args.progress, Progress::Auto | Progress::Plain);
+    if shows_summary {
+        console.say(&format!("\n{}", summary(graph, outcome)));
+    }
+    if args.progress == Progress::Json {
+        console.out(&finished_line(&loaded.sources, graph, outcome));
+    }
+    if shows_summary && !outcome.diagnostics.is_empty() {
+        console.say("\n");
+    }
+    console.diagnostics(&loaded.sources, &outcome.diagnostics);
+    if outcome.report.cancelled {
+        console.say("cancelled: files that are there are whole\n");
+        return EXIT_CANCELLED;
+    }
+    if outcome.is_complete() {
+        return EXIT_OK;
+    }
+    let failed = outcome.report.failures.len();
+    let unreached = match outcome.report.unreached {
+        0 => String::new(),
+        n => format!("; {} of the outputs not made", count(n, "frame")),
+    };
+    console.say(&format!("\nfailed: {}{unreached}\n", if failed > 0 { count(failed, "task") } else { count(outcome.diagnostics.len(), "error") }));
+    EXIT_FAILED
+}
