@@ -313,7 +313,7 @@ fn read_blocks<R: BufRead + Seek>(reader: Reader<R>, choice: &Choice, options: &
     let jobs: Vec<_> = bands.into_iter().zip(pixels.chunks_mut(band_rows * width * n)).collect();
     let unpacked = map_ordered(jobs, options.threads, |(chunks, out)| {
         chunks.into_iter().try_for_each(|chunk| {
-            let block = UncompressedBlock::decompress_chunk(chunk, &meta, false).map_err(failed)?;
+            let block = unpack(chunk, &meta)?;
             scatter(&block, header, &planes, band_rows, n, out)
         })
     });
@@ -321,27 +321,107 @@ fn read_blocks<R: BufRead + Seek>(reader: Reader<R>, choice: &Choice, options: &
     Ok(pixels)
 }
 
+/// The bytes of a block: row by row, within a row channel after channel.
+enum Block {
+    /// In the machine's order.
+    Plain(Vec<u8>),
+    /// As deflate gave them once their differences are summed: the bytes at even places, then those at odd places, in the file's order.
+    Split(Vec<u8>),
+}
+
+/// Unpacks a chunk; deflate here, so that no pass puts the bytes in order that are then taken apart again, everything else by the crate.
+fn unpack(chunk: Chunk, meta: &MetaData) -> Result<(Block, BlockIndex), CodecError> {
+    let header = &meta.headers[chunk.layer_index];
+    if !matches!(header.compression, Packing::ZIP1 | Packing::ZIP16) {
+        let block = UncompressedBlock::decompress_chunk(chunk, meta, false).map_err(failed)?;
+        return Ok((Block::Plain(block.data), block.index));
+    }
+    let at = header.get_block_data_indices(&chunk.compressed_block).map_err(failed)?;
+    let area = header.get_absolute_block_pixel_coordinates(at).map_err(failed)?;
+    let size = header.channels.bytes_per_pixel * area.size.area();
+    let packed = match &chunk.compressed_block {
+        CompressedBlock::ScanLine(block) => &block.compressed_pixels_le,
+        CompressedBlock::Tile(block) => &block.compressed_pixels_le,
+        _ => return Err(deep()),
+    };
+    if packed.len() >= size {
+        // Stored, for it would not get smaller.
+        let block = UncompressedBlock::decompress_chunk(chunk, meta, false).map_err(failed)?;
+        return Ok((Block::Plain(block.data), block.index));
+    }
+    let limit = zune_inflate::DeflateOptions::default().set_limit(size).set_size_hint(size);
+    let mut split = zune_inflate::DeflateDecoder::new_with_options(packed, limit)
+        .decode_zlib()
+        .map_err(|_| corrupt_text("a block that deflate cannot unpack"))?;
+    if split.len() != size {
+        return Err(corrupt_text("a block of the wrong size"));
+    }
+    sum_differences(&mut split);
+    let position = Vec2(area.position.0.max(0) as usize, area.position.1.max(0) as usize);
+    Ok((
+        Block::Split(split),
+        BlockIndex { layer: chunk.layer_index, pixel_position: position, pixel_size: area.size, level: at.level_index },
+    ))
+}
+
+/// The inverse of what [`zip_differences`] does last.
+fn sum_differences(bytes: &mut [u8]) {
+    let mut before = 128u8;
+    for byte in bytes {
+        before = before.wrapping_add(*byte).wrapping_sub(128);
+        *byte = before;
+    }
+}
+
+impl Block {
+    fn len(&self) -> usize {
+        match self {
+            Block::Plain(bytes) | Block::Split(bytes) => bytes.len(),
+        }
+    }
+
+    /// The samples of one channel's row that start at byte `at`.
+    fn read_line(&self, at: usize, kind: SampleType, line: &mut [f32], scratch: &mut Vec<u8>) {
+        let split = match self {
+            Block::Plain(bytes) => return read_line(&bytes[at..], kind, line),
+            Block::Split(bytes) => bytes,
+        };
+        let count = line.len() * kind.bytes_per_sample();
+        let (even, odd) = split.split_at(split.len().div_ceil(2));
+        scratch.resize(count, 0);
+        // All samples are of even size, so rows start at even places.
+        let (even, odd) = (&even[at / 2..][..count / 2], &odd[at / 2..][..count / 2]);
+        for (pair, (even, odd)) in scratch.as_chunks_mut::<2>().0.iter_mut().zip(even.iter().zip(odd)) {
+            *pair = [*even, *odd];
+        }
+        if cfg!(target_endian = "big") {
+            scratch.chunks_exact_mut(kind.bytes_per_sample()).for_each(<[u8]>::reverse);
+        }
+        read_line(scratch, kind, line);
+    }
+}
+
 /// Copies the wanted channels of one block into its band of rows.
 fn scatter(
-    block: &UncompressedBlock,
+    (block, index): &(Block, BlockIndex),
     header: &PartHeader,
     planes: &[Plane],
     band_rows: usize,
     n: usize,
     out: &mut [f32],
 ) -> Result<(), CodecError> {
-    let (size, at, width) = (block.index.pixel_size, block.index.pixel_position, header.layer_size.0);
+    let (size, at, width) = (index.pixel_size, index.pixel_position, header.layer_size.0);
     let row_bytes = header.channels.bytes_per_pixel * size.0;
     let first = at.1 % band_rows;
-    let fits = at.0 + size.0 <= width && (first + size.1) * width * n <= out.len() && block.data.len() == row_bytes * size.1;
+    let fits = at.0 + size.0 <= width && (first + size.1) * width * n <= out.len() && block.len() == row_bytes * size.1;
     if !fits {
         return Err(corrupt_text("a block outside the data window"));
     }
-    let mut lines = vec![0.0f32; size.0 * n];
+    let (mut lines, mut scratch) = (vec![0.0f32; size.0 * n], Vec::new());
     for y in 0..size.1 {
-        let row = &block.data[y * row_bytes..(y + 1) * row_bytes];
         for plane in planes {
-            read_line(&row[plane.offset * size.0..], plane.kind, &mut lines[plane.to * size.0..(plane.to + 1) * size.0]);
+            let line = &mut lines[plane.to * size.0..(plane.to + 1) * size.0];
+            block.read_line(y * row_bytes + plane.offset * size.0, plane.kind, line, &mut scratch);
         }
         let start = ((first + y) * width + at.0) * n;
         interleave(&lines, &mut out[start..start + size.0 * n], n);
