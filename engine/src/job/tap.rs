@@ -85,6 +85,7 @@ impl Tap {
             inputs: vec![Binding::Wire(port)],
             per_frame,
             clock: tapped.clock.clone(),
+            input_clocks: if per_frame { vec![("value", tapped.clock.clone())] } else { Vec::new() },
             output_types: Vec::new(),
             file: tapped.file,
             span: tapped.span,
