@@ -379,7 +379,8 @@ pub fn warp_affine_over(
     if background.is_empty() {
         return check(target_from_source, &source.raster);
     }
-    let rows = (16384 / (window.width * channels)).max(1);
+    // A strip of half a megabyte stays in the cache, and is high enough for the tables of a strip to pay.
+    let rows = (131_072 / (window.width * channels)).max(1);
     let mut layer = vec![0.0; rows * window.width * channels];
     for (i, part) in background.chunks_mut(rows * window.width * channels).enumerate() {
         let height = part.len() / (window.width * channels);

@@ -16,19 +16,124 @@ pub(super) fn warp(source: Source<'_>, m: &Affine, shape: &Matrix2<f64>, options
     let channels = source.raster.channels;
     let area = Area { raster: source.raster, filter: options.filter, outside: options.outside, shape: *shape };
     let separable = shape[(0, 1)].abs() < SEPARABLE;
-    let mut across = Taps::default();
-    let mut down = Taps::default();
+    let tables = if separable && channels == 4 { area.tables() } else { None };
+    let mut taps = [Taps::default(), Taps::default()];
+    let origin = [source.origin[0] as f64 + 0.5, source.origin[1] as f64 + 0.5];
     for (j, out) in target.chunks_exact_mut(window.width * channels).enumerate() {
         let y = window.y.saturating_add(j as i64) as f64 + 0.5;
-        let origin = [source.origin[0] as f64 + 0.5, source.origin[1] as f64 + 0.5];
+        let line = [0, 1].map(|r| (m[(r, 0)], m[(r, 1)] * y + (m[(r, 2)] - origin[r])));
+        if let Some(tables) = &tables {
+            tabled_row(&area, tables, line, window.x, &mut taps, out);
+            continue;
+        }
         for (i, pixel) in out.chunks_exact_mut(channels).enumerate() {
-            let x = window.x.saturating_add(i as i64) as f64 + 0.5;
-            let position = [0, 1].map(|r| m[(r, 0)] * x + (m[(r, 1)] * y + (m[(r, 2)] - origin[r])));
+            let position = position(line, window.x, i);
             if separable {
-                area.separable_pixel(position, &mut across, &mut down, pixel);
+                area.separable_pixel(position, &mut taps, pixel);
             } else {
                 area.slanted_pixel(position, pixel);
             }
+        }
+    }
+}
+
+/// The source position of column `i` of a target row, as sample coordinates.
+#[inline(always)]
+fn position(line: [(f64, f64); 2], window_x: i64, i: usize) -> [f64; 2] {
+    let x = window_x.saturating_add(i as i64) as f64 + 0.5;
+    line.map(|(step, start)| step * x + start)
+}
+
+/// Phases of a table of weights.
+const PHASES: usize = 2048;
+/// Widest footprint that has a table; wider ones have few target pixels.
+const TABLED_TAPS: usize = 64;
+
+/// The weights of a footprint for every fraction of a position.
+struct Table {
+    /// A multiple of four, half of them up to the position.
+    taps: usize,
+    /// `PHASES` + 1 rows of `taps`, each of which sums to one.
+    weights: Vec<f32>,
+}
+
+impl Table {
+    fn new(filter: Filter, scale: f64) -> Option<Self> {
+        let half = libm::ceil(filter.radius() / scale / 2.0) as usize * 2;
+        let taps = 2 * half;
+        if taps > TABLED_TAPS {
+            return None;
+        }
+        let mut weights = Vec::with_capacity((PHASES + 1) * taps);
+        for phase in 0..=PHASES {
+            let t = phase as f64 / PHASES as f64 + half as f64 - 1.0;
+            let raw: [f32; TABLED_TAPS] =
+                std::array::from_fn(|k| if k < taps { kernel(filter, ((k as f64 - t) * scale) as f32) } else { 0.0 });
+            let sum: f64 = raw.iter().map(|&w| f64::from(w)).sum();
+            weights.extend(raw[..taps].iter().map(|&w| (f64::from(w) / sum) as f32));
+        }
+        Some(Self { taps, weights })
+    }
+
+    /// The first sample of the footprint at `centre`, where all of it is inside 0..`side`.
+    #[inline(always)]
+    fn first(&self, centre: f64, side: usize) -> Option<usize> {
+        let half = self.taps / 2;
+        let inside = centre >= half as f64 - 1.0 && centre < side as f64 - half as f64;
+        inside.then(|| (centre as usize + 1).wrapping_sub(half))
+    }
+
+    /// Whether the footprint at `centre` is wholly outside 0..`side`.
+    #[inline(always)]
+    fn misses(&self, centre: f64, side: usize) -> bool {
+        let half = (self.taps / 2) as f64;
+        centre <= -half || centre >= side as f64 - 1.0 + half
+    }
+
+    /// Writes the weights at `centre`, interpolated between two phases.
+    #[inline(always)]
+    fn lookup(&self, centre: f64, weights: &mut [f32]) {
+        let at = ((centre - (centre as u32) as f64) * PHASES as f64) as f32;
+        let phase = (at as usize).min(PHASES - 1);
+        let f = at - phase as f32;
+        let (a, b) = self.weights[phase * self.taps..(phase + 2) * self.taps].split_at(self.taps);
+        for ((w, a), b) in weights.iter_mut().zip(a).zip(b) {
+            *w = a + (b - a) * f;
+        }
+    }
+}
+
+/// One row of four channels through tables; pixels at the edges the slow way.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn tabled_row(area: &Area<'_>, tables: &[Table; 2], line: [(f64, f64); 2], window_x: i64, taps: &mut [Taps; 2], out: &mut [f32]) {
+    let [across, down] = tables;
+    let raster = area.raster;
+    let (mut wx, mut wy) = ([0.0_f32; TABLED_TAPS], [0.0_f32; TABLED_TAPS]);
+    for (i, pixel) in out.chunks_exact_mut(4).enumerate() {
+        let at = position(line, window_x, i);
+        let (Some(x), Some(y)) = (across.first(at[0], raster.width), down.first(at[1], raster.height)) else {
+            if area.outside == Outside::Transparent && (across.misses(at[0], raster.width) || down.misses(at[1], raster.height)) {
+                pixel.fill(0.0);
+            } else {
+                area.separable_pixel(at, taps, pixel);
+            }
+            continue;
+        };
+        across.lookup(at[0], &mut wx[..across.taps]);
+        down.lookup(at[1], &mut wy[..down.taps]);
+        let stride = raster.width * 4;
+        let start = y * stride + x * 4;
+        let mut total = [0.0_f32; 16];
+        for (j, &weight) in wy[..down.taps].iter().enumerate() {
+            let row = &raster.data[start + j * stride..][..across.taps * 4];
+            for (four, w) in row.chunks_exact(16).zip(wx.chunks_exact(4)) {
+                for k in 0..16 {
+                    total[k] += four[k] * (w[k / 4] * weight);
+                }
+            }
+        }
+        for c in 0..4 {
+            pixel[c] = (total[c] + total[4 + c]) + (total[8 + c] + total[12 + c]);
         }
     }
 }
@@ -83,8 +188,13 @@ impl Taps {
 }
 
 impl Area<'_> {
+    /// Tables for both axes, where the footprint is narrow enough.
+    fn tables(&self) -> Option<[Table; 2]> {
+        Some([Table::new(self.filter, self.shape[(0, 0)])?, Table::new(self.filter, self.shape[(1, 1)])?])
+    }
+
     /// A pixel whose footprint has its sides along the source's rows and columns.
-    fn separable_pixel(&self, position: [f64; 2], across: &mut Taps, down: &mut Taps, out: &mut [f32]) {
+    fn separable_pixel(&self, position: [f64; 2], [across, down]: &mut [Taps; 2], out: &mut [f32]) {
         across.fill(self.filter, self.outside, position[0], self.shape[(0, 0)], self.raster.width);
         if across.weights.is_empty() {
             return out.fill(0.0);
