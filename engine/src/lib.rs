@@ -7,6 +7,7 @@ pub mod atomic;
 pub mod check;
 pub mod clock;
 pub mod diag;
+pub mod draw;
 pub mod exec;
 pub mod graph;
 pub mod job;
