@@ -4,7 +4,7 @@
 //!
 //! **Source** usual practice.
 //!
-//! **Fails when** picture and matte have different sizes.
+//! **Fails when** the matte is not of the picture's format.
 //!
 //! **Cost** O(samples).
 //!
@@ -29,7 +29,7 @@ use crate::data::{Image, Matte};
 pub(crate) struct CompMask {
     /// The picture.
     image: In<Image>,
-    /// What is kept, in the picture's data window.
+    /// What is kept: a matte of the picture's format. Nothing outside it.
     matte: In<Matte>,
     /// Keeps what the matte leaves out instead.
     #[input(default = false)]
@@ -39,14 +39,20 @@ pub(crate) struct CompMask {
 impl PerFrame for CompMask {
     fn run(self, _cx: &Context) -> Result<Merged, NodeError> {
         let mut image = with_alpha(self.image)?;
-        let (size, found) = ((image.width(), image.height()), (self.matte.width(), self.matte.height()));
-        if size != found {
-            return Err(NodeError::input(format!("expected a matte of {} x {}, found {} x {}", size.0, size.1, found.0, found.1)));
+        let (window, display, channels) = (image.data_window(), image.display_window(), image.n_channels());
+        let (width, height) = (self.matte.width() as i64, self.matte.height() as i64);
+        if (width, height) != (display.width as i64, display.height as i64) {
+            return Err(NodeError::input(format!("expected a matte of {} x {}, the picture's format, found {width} x {height}", display.width, display.height)));
         }
-        let channels = image.n_channels();
-        for (pixel, &alpha) in image.samples_mut().chunks_exact_mut(channels).zip(self.matte.alpha()) {
-            let keep = if self.invert { 1.0 - alpha } else { alpha };
-            pixel.iter_mut().for_each(|v| *v *= keep);
+        for (j, row) in image.samples_mut().chunks_exact_mut((window.width * channels).max(1)).enumerate() {
+            let y = window.y - display.y + j as i64;
+            for (i, pixel) in row.chunks_exact_mut(channels).enumerate() {
+                let x = window.x - display.x + i as i64;
+                let inside = (0..width).contains(&x) && (0..height).contains(&y);
+                let alpha = if inside { self.matte.alpha()[(y * width + x) as usize] } else { 0.0 };
+                let keep = if self.invert { 1.0 - alpha } else { alpha };
+                pixel.iter_mut().for_each(|v| *v *= keep);
+            }
         }
         Ok(Merged { image })
     }

@@ -1,5 +1,7 @@
 //! Pictures.
 
+use std::borrow::Cow;
+
 use pegbar_engine::Value;
 use pegbar_engine::array::NdArray;
 
@@ -126,6 +128,26 @@ impl Image {
     /// The samples as the algorithms read them.
     pub fn raster(&self) -> Raster<'_> {
         Raster { data: self.pixels.data(), width: self.width(), height: self.height(), channels: self.n_channels() }
+    }
+
+    /// The picture in all of its display window and nothing else, transparent where it has no samples; itself where it fills that already.
+    pub fn in_display(&self) -> Cow<'_, Self> {
+        let (own, display) = (self.data_window(), self.display_window());
+        if own == display {
+            return Cow::Borrowed(self);
+        }
+        let (channels, common) = (self.n_channels(), own.intersect(&display));
+        let mut samples = vec![0.0; display.width * display.height * channels];
+        for y in common.y..common.y + common.height as i64 {
+            let from = ((y - own.y) as usize * own.width + (common.x - own.x) as usize) * channels;
+            let into = ((y - display.y) as usize * display.width + (common.x - display.x) as usize) * channels;
+            let n = common.width * channels;
+            samples[into..into + n].copy_from_slice(&self.samples()[from..from + n]);
+        }
+        match NdArray::new([display.height, display.width, channels], samples) {
+            Some(pixels) => Cow::Owned(Self { pixels, data_window: Some(display), ..self.clone_frame() }),
+            None => Cow::Borrowed(self),
+        }
     }
 
     fn validate(&self) -> Result<(), String> {

@@ -88,7 +88,7 @@ pub(crate) struct MatteColorClusters {
 /// The matte, and what it says about itself.
 #[derive(Outputs)]
 pub(crate) struct MatteColorClustersOutputs {
-    /// Probability of the layer, 0 to 1.
+    /// Probability of the layer, 0 to 1, in the footage's format.
     alpha: Matte,
     /// Share of the picture that is layer, 0 to 1.
     area: Curve,
@@ -185,7 +185,7 @@ impl MatteColorClusters {
             Some(hint) => Seed::Hint(hint.at(cx.clock.first)?.alpha()),
             None => Seed::Colours(&self.foreground),
         };
-        algo::fit(self.image.raster(), seed, &options).map_err(refused)
+        algo::fit(self.image.in_display().raster(), seed, &options).map_err(refused)
     }
 }
 
@@ -198,7 +198,8 @@ impl Recurrent for MatteColorClusters {
             Some(state) => state.model(self.space),
             None => self.learn(cx)?,
         };
-        let image = self.image.raster();
+        let picture = self.image.in_display();
+        let image = picture.raster();
         let mut alpha = vec![0.0; image.width * image.height];
         let status = algo::alpha(image, &model, &options, &mut alpha).map_err(refused)?;
         let separation = model.separation();
