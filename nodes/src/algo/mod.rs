@@ -1,5 +1,6 @@
 //! The mathematics of the stages: pure functions on slices and matrices, each citing its equation. Nothing here knows the engine.
 
+pub mod cel;
 pub mod codec;
 pub mod color;
 pub mod color_clusters;

@@ -46,39 +46,42 @@ pub fn flatten(path: &BezPath, tolerance: f64) -> Vec<(Vec<Point>, bool)> {
 /// An open line has round ends of its width there, so that a width which falls to zero tapers to a point. A closed line becomes a ring, whose
 /// width should be periodic. Points should lie closer together than the line is wide; sharp corners are rounded. Cost: O(n).
 pub fn ink(points: &[Point], closed: bool, width_at: impl Fn(f64) -> f64) -> BezPath {
-    let mut line: Vec<Point> = points.to_vec();
-    line.dedup();
-    if closed && line.len() > 1 && line.first() == line.last() {
+    let widths: Vec<f64> = arc_fractions(points, closed).into_iter().map(width_at).collect();
+    ink_widths(points, &widths, closed)
+}
+
+/// [`ink`] with a width in pixels for each point. Lists of different lengths, or a point that is not finite, give an empty outline.
+pub fn ink_widths(points: &[Point], widths: &[f64], closed: bool) -> BezPath {
+    let mut line: Vec<(Point, f64)> = points.iter().copied().zip(widths.iter().map(|w| (w / 2.0).max(0.0))).collect();
+    line.dedup_by_key(|v| v.0);
+    if closed && line.len() > 1 && line.first().map(|v| v.0) == line.last().map(|v| v.0) {
         line.pop();
     }
     let n = line.len();
-    let mut out = BezPath::new();
-    if n < 2 || line.iter().any(|p| !p.is_finite()) {
-        return out;
+    if n < 2 || points.len() != widths.len() || line.iter().any(|v| !v.0.is_finite()) {
+        return BezPath::new();
     }
-    let lengths = arc_fractions(&line, closed);
-    let half = |i: usize| (width_at(lengths[i]) / 2.0).max(0.0);
+    let between = |i: usize, j: usize| direction(line[i % n].0, line[j % n].0);
     let mut left = Vec::with_capacity(n + 8);
     let mut right = Vec::with_capacity(n + 8);
     for i in 0..n {
-        let before = if i > 0 || closed { direction(line[(i + n - 1) % n], line[i]) } else { direction(line[0], line[1]) };
-        let after = if i + 1 < n || closed { direction(line[i], line[(i + 1) % n]) } else { before };
-        offset_vertex(&mut left, &mut right, line[i], before, after, half(i));
+        let before = if i > 0 || closed { between(i + n - 1, i) } else { between(0, 1) };
+        let after = if i + 1 < n || closed { between(i, i + 1) } else { before };
+        offset_vertex(&mut left, &mut right, line[i].0, before, after, line[i].1);
     }
     right.reverse();
     if closed {
-        push_polygon(&mut out, &left);
-        push_polygon(&mut out, &right);
+        let mut out = polygon(&left);
+        out.extend(polygon(&right));
         return out;
     }
     // The arc at the far end runs from the left side round to the right one, and the one at the near end back.
-    let (first, last) = (direction(line[0], line[1]), direction(line[n - 2], line[n - 1]));
+    let (first, last) = (line[0], line[n - 1]);
     let mut outline = left;
-    push_arc(&mut outline, line[n - 1], normal(last) * half(n - 1), std::f64::consts::PI);
+    push_arc(&mut outline, last.0, normal(between(n - 2, n - 1)) * last.1, std::f64::consts::PI);
     outline.extend(right);
-    push_arc(&mut outline, line[0], normal(first) * -half(0), std::f64::consts::PI);
-    push_polygon(&mut out, &outline);
-    out
+    push_arc(&mut outline, first.0, normal(between(0, 1)) * -first.1, std::f64::consts::PI);
+    polygon(&outline)
 }
 
 /// The fraction of the whole length at which each point lies.
@@ -89,8 +92,10 @@ fn arc_fractions(line: &[Point], closed: bool) -> Vec<f64> {
         sum += distance(pair[0], pair[1]);
         lengths.push(sum);
     }
-    let total = if closed { sum + distance(line[line.len() - 1], line[0]) } else { sum };
-    lengths.iter_mut().for_each(|s| *s /= total);
+    let closing = line.first().zip(line.last()).map_or(0.0, |(a, b)| distance(*b, *a));
+    let total = if closed { sum + closing } else { sum };
+    lengths.iter_mut().for_each(|s| *s /= total.max(f64::MIN_POSITIVE));
+    lengths.truncate(line.len());
     lengths
 }
 
@@ -136,11 +141,16 @@ fn push_arc(out: &mut Vec<Point>, centre: Point, start: Vec2, sweep: f64) {
     }
 }
 
-fn push_polygon(out: &mut BezPath, points: &[Point]) {
+/// The closed path through `points`.
+pub fn polygon(points: &[Point]) -> BezPath {
+    let mut out = BezPath::with_capacity(points.len() + 1);
     for (i, &p) in points.iter().enumerate() {
         if i == 0 { out.move_to(p) } else { out.line_to(p) }
     }
-    out.close_path();
+    if !points.is_empty() {
+        out.close_path();
+    }
+    out
 }
 
 #[cfg(test)]
