@@ -56,6 +56,10 @@ pub(super) fn paint_ground(place: Place, width: usize, height: usize, scale: f64
 /// Short strokes on a jittered grid, each with the colour of its middle and bristles along it.
 fn brush_strokes(image: &mut [f32], place: Place, width: usize, height: usize, scale: f64, origin: (f64, f64), seed: u64) {
     let Ok(mut canvas) = Canvas::new(image, width, height) else { return };
+    // In a frame smaller than 32 by 18 the strokes would be finer than a pixel.
+    if scale < 0.05 {
+        return;
+    }
     const STEP: f64 = 11.0;
     let (left, top) = (-origin.0 / scale, -origin.1 / scale);
     let (columns, rows) = ((width as f64 / scale / STEP) as i64 + 2, (height as f64 / scale / STEP) as i64 + 2);
@@ -66,6 +70,11 @@ fn brush_strokes(image: &mut [f32], place: Place, width: usize, height: usize, s
             let (colour, angle) = place.at(x, y, seed);
             let (sin, cos) = libm::sincos(angle + 0.5 * (dice(2) - 0.5));
             let (length, bow) = (9.0 + 13.0 * dice(3), 3.0 * (dice(4) - 0.5));
+            // A painter does not drag one thing's colour over another's edge.
+            let strays = |t: f64| far_apart(colour, place.at(x + t * length * cos, y + t * length * sin, seed).0);
+            if [-1.0, -0.5, 0.5, 1.0].into_iter().any(strays) {
+                continue;
+            }
             let points: Vec<Point> = (0..=8)
                 .map(|k| {
                     let t = f64::from(k) / 4.0 - 1.0;
@@ -85,6 +94,11 @@ fn brush_strokes(image: &mut [f32], place: Place, width: usize, height: usize, s
             });
         }
     }
+}
+
+/// Whether two colours belong to different things: their ratio in some channel is beyond the play of light and texture.
+fn far_apart(a: Colour, b: Colour) -> bool {
+    a.iter().zip(b).any(|(a, b)| (a.max(1e-4).sqrt() - b.max(1e-4).sqrt()).abs() > 0.13)
 }
 
 /// A theatre: a red curtain in folds, a gold-fringed valance, boards in perspective, a pool of warm light.
@@ -126,7 +140,8 @@ fn boards(x: f64, y: f64, hem: f64, light: f64, seed: u64) -> (Colour, f64) {
     let tone = unit(hash2(plank as i64, 7, seed));
     let grain = fbm(across * 0.22, 9.0 / depth + 37.0 * tone, 3, seed ^ 2);
     let wood = times(lerp(rgb(0x8f5a34), rgb(0xc9925a), 0.25 + 0.5 * tone + 0.35 * grain), light);
-    let gap = smoothstep(0.482, 0.494, edge);
+    // Joints are one unit wide near and far, and fade with distance, so that they never break up into dots.
+    let gap = smoothstep(1.3, 0.4, (0.5 - edge) * 44.0 * depth) * smoothstep(0.35, 0.9, depth);
     let under = 1.0 - 0.55 * libm::exp(-(y - hem) / 7.0);
     (times(lerp(wood, rgb(0x2a1712), 0.8 * gap), under), libm::atan2(84.0, (x - 320.0) / depth))
 }
@@ -166,9 +181,9 @@ fn meadow(x: f64, y: f64, seed: u64) -> (Colour, f64) {
 
 fn sky(x: f64, y: f64, seed: u64) -> (Colour, f64) {
     let air = lerp(rgb(0x5fb0e0), rgb(0xfbe8c4), smoothstep(0.0, 205.0, y));
-    let puff = fbm(x * 0.0085, y * 0.021, 4, seed ^ 31) + 0.10 - 0.14 * smoothstep(90.0, 190.0, y);
-    let below = fbm(x * 0.0085, y * 0.021 + 0.22, 4, seed ^ 31);
-    let cloud = smoothstep(0.06, 0.2, puff);
+    let puff = fbm(x * 0.011, y * 0.024, 4, seed ^ 31) + 0.10 - 0.14 * smoothstep(90.0, 190.0, y);
+    let below = fbm(x * 0.011, y * 0.024 + 0.22, 4, seed ^ 31);
+    let cloud = smoothstep(0.10, 0.30, puff);
     let white = lerp(rgb(0xfffaf0), rgb(0xc8d4e6), smoothstep(-0.1, 0.45, below));
     (lerp(air, white, 0.92 * cloud), 0.15)
 }

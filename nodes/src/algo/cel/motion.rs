@@ -50,6 +50,10 @@ const HAT_FLOOR: Vector2<f64> = Vector2::new(320.0, 300.0);
 /// Radius of the ball's reference drawing.
 pub(super) const BALL_RADIUS: f64 = 40.0;
 const BALL_FLOOR: f64 = 306.0;
+/// Where the ball comes in, how far it travels, and the frames in which its speed falls to 1/e.
+const LEFT: f64 = 92.0;
+const RUN: f64 = 425.0;
+const TIME: f64 = 26.0;
 
 /// The hat at a frame, which wraps round after 48; `deform` scales how far its weights leave the first key shape.
 pub(super) fn hat(frame: f64, deform: f64) -> Pose {
@@ -97,13 +101,14 @@ fn hermite(keys: &[[f64; 6]; 4], c: usize, t: f64) -> f64 {
 /// The ball at a frame: it falls in from the left, bounces lower and quicker by gravity, rolls and settles; 72 frames until it rests.
 pub(super) fn ball(frame: f64) -> Pose {
     let bounce = bounce_at(frame.max(0.0));
-    let x = 92.0 + 470.0 * (1.0 - libm::exp(-frame.max(0.0) / 34.0));
-    let speed = Vector2::new(470.0 / 34.0 * libm::exp(-frame.max(0.0) / 34.0), bounce.fall);
-    let spin = Rotation2::new((x - 92.0) / BALL_RADIUS * 0.8);
+    let ease = libm::exp(-frame.max(0.0) / TIME);
+    let x = LEFT + RUN * (1.0 - ease);
+    let speed = Vector2::new(RUN / TIME * ease, bounce.fall);
+    let spin = Rotation2::new((x - LEFT) / BALL_RADIUS * 0.8);
     let along = Rotation2::new(libm::atan2(speed.y, speed.x));
-    let stretch = 1.0 + 0.30 * (1.0 - libm::exp(-bounce.fall * bounce.fall / 380.0)) * (1.0 - bounce.contact);
+    let stretch = 1.0 + 0.30 * (1.0 - libm::exp(-bounce.fall * bounce.fall / 600.0)) * (1.0 - bounce.contact);
     let smear = along.matrix() * Matrix2::new(stretch, 0.0, 0.0, 1.0 / stretch) * along.matrix().transpose();
-    let flat = 1.0 - 0.40 * bounce.contact * bounce.strength;
+    let flat = 1.0 - 0.30 * bounce.contact * bounce.strength;
     let squash = Matrix2::new(1.0 / flat, 0.0, 0.0, flat);
     let linear = squash * smear * spin.matrix();
     // The extent below the middle of a circle under a linear map is the length of the map's lower row.
@@ -124,8 +129,8 @@ struct Bounce {
 
 /// Ballistic arcs of falling height between contacts of two frames.
 fn bounce_at(frame: f64) -> Bounce {
-    const GRAVITY: f64 = 1.9;
-    const KEEP: f64 = 0.62;
+    const GRAVITY: f64 = 2.6;
+    const KEEP: f64 = 0.5;
     const TOUCH: f64 = 2.0;
     // Time since the apex from which the first fall comes.
     let (mut height, mut start) = (205.0, 0.0);

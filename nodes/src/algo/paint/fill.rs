@@ -283,7 +283,8 @@ impl Row {
         for value in &mut self.delta[self.low..=self.high] {
             sum += *value;
             *value = 0.0;
-            self.cover.push(sum.clamp(0.0, 1.0) as f32);
+            // Differences that cancel leave rounding behind, which is not paint.
+            self.cover.push(if sum < 1e-12 { 0.0 } else { sum.min(1.0) as f32 });
         }
         // What is still inside after the last edge goes on to the right side, which clipped the path.
         let rest = if sum > 1e-9 { sum.min(1.0) as f32 } else { 0.0 };
