@@ -1,6 +1,7 @@
 //! The animation nodes of Pegbar: data types at the bottom, `algo` above them (pure functions), one file a node on top.
 
 pub mod algo;
+mod cel;
 mod comp;
 pub mod data;
 mod image;

@@ -2,10 +2,11 @@
 
 use pegbar_engine::registry::Registry;
 
+use crate::cel::{CelArt, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
 use crate::image::{
-    ImageBlur, ImageCheckerboard, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert, ImagePremultiply,
+    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert, ImagePremultiply,
     ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
@@ -32,11 +33,15 @@ fn types(registry: Registry) -> Registry {
 #[rustfmt::skip]
 fn nodes(registry: Registry) -> Registry {
     registry
+        .per_frame::<CelArt>()
+        .per_frame::<CelReference>()
+        .per_frame::<CelScene>()
         .per_frame::<CompMask>()
         .per_frame::<CompMerge>()
         .per_frame::<CompOver>()
         .per_frame::<ImageBlur>()
         .per_frame::<ImageCheckerboard>()
+        .whole::<ImageCleanPlate>()
         .per_frame::<ImageConstant>()
         .per_frame::<ImageCrop>()
         .per_frame::<ImageFromMatte>()

@@ -79,9 +79,9 @@ fn median(mut values: Vec<f32>) -> f32 {
 }
 
 fn is_new(difference: &[f32], grain: f32, options: Options) -> bool {
-    // A normal deviate is beyond six of its median magnitudes (four standard deviations) once in sixteen thousand.
-    let threshold = grain * 2.0 * options.sensitivity as f32;
-    let changed = difference.iter().filter(|d| !(**d <= threshold)).count();
+    // At the default of 3 a normal deviate is beyond this (five standard deviations) once in two million.
+    let threshold = grain * 2.5 * options.sensitivity as f32;
+    let changed = difference.iter().filter(|d| d.is_nan() || **d > threshold).count();
     changed as f64 > (options.min_area * difference.len() as f64).max(1.0)
 }
 

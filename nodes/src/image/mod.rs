@@ -2,6 +2,7 @@
 
 mod blur;
 mod checkerboard;
+mod clean_plate;
 mod constant;
 mod crop;
 mod from_matte;
@@ -18,6 +19,7 @@ mod warp_affine;
 
 pub(crate) use blur::ImageBlur;
 pub(crate) use checkerboard::ImageCheckerboard;
+pub(crate) use clean_plate::ImageCleanPlate;
 pub(crate) use constant::ImageConstant;
 pub(crate) use crop::ImageCrop;
 pub(crate) use from_matte::ImageFromMatte;

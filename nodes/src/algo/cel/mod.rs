@@ -26,7 +26,7 @@ use nalgebra::Vector2;
 pub const MAX_SIDE: usize = 16_384;
 
 /// Which footage is drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, pegbar_engine::Setting)]
 pub enum SceneKind {
     /// A felt hat that dances on a stage: a loop of 48 frames.
     #[default]
@@ -46,7 +46,7 @@ impl SceneKind {
 }
 
 /// Art that takes the cel's place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, pegbar_engine::Setting)]
 pub enum Art {
     /// A witch's hat, registered to the hat.
     WitchHat,
