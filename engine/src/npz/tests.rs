@@ -160,6 +160,17 @@ fn what_numpy_wrote_is_read() {
 }
 
 #[test]
+fn an_array_is_written_as_numpy_writes_it() {
+    let entry = |bytes: &[u8], name: &str| {
+        let mut out = Vec::new();
+        zip::ZipArchive::new(Cursor::new(bytes)).unwrap().by_name(name).unwrap().read_to_end(&mut out).unwrap();
+        out
+    };
+    let ours = bytes_of(&crate::value::Vector { values: vec![1.0, 2.0] }, false);
+    assert_eq!(entry(&ours, "values.npy"), entry(NUMPY_TEXT, "v.npy"));
+}
+
+#[test]
 fn an_array_of_words_is_refused_where_it_is_wanted_and_passed_over_where_not() {
     let error = open(NUMPY_TEXT).unwrap().parts().unwrap_err().to_string();
     assert!(error.starts_with("array `s`: expected numbers, found text"), "{error}");

@@ -215,3 +215,37 @@ fn a_full_or_read_only_disk_is_one_error_and_no_file() {
     assert!(message.contains("Read-only file system"), "{message}");
     assert!(left.is_empty());
 }
+
+/// Drawings and OpenEXR files of other programs, where they lie beside the workspace.
+#[test]
+fn pictures_of_other_programs_go_through_a_graph() {
+    let roots = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().skip(1).map(|up| up.join("../shared/data"));
+    let Some(data) = roots.into_iter().find(|d| d.is_dir()).and_then(|d| d.canonicalize().ok()) else {
+        println!("skipped: no ../shared/data beside the workspace");
+        return;
+    };
+    let stage = Stage::new();
+    let (dog, exr) = (data.join("cartoons/dog_walk/dog.####.png"), data.join("exr/DisplayWindow/t10.exr"));
+    let nodes = format!(
+        r#""dog": (type: "io.read_images", path: {dog:?}), "ball": (type: "io.read_image", path: {exr:?}),
+           "a": (type: "io.write_images", image: "@dog", path: "dog.####.png", effort: balanced),
+           "b": (type: "io.write_images", image: "@ball", path: "ball.exr", compression: piz),
+           "c": (type: "io.write_value", value: "@dog", path: "dog.npz")"#
+    );
+    let report = stage.run((1, 3), &nodes);
+    assert!(report.is_complete(), "{:#?}", report.failures);
+    assert_eq!(stage.written().len(), 5);
+    let back = format!(
+        r#""dog": (type: "io.read_images", path: {dog:?}), "png": (type: "io.read_images", path: "out/dog.####.png"),
+           "npz": (type: "io.read_value", path: "out/dog.npz", as: "Image"),
+           "ball": (type: "io.read_image", path: {exr:?}), "exr": (type: "io.read_image", path: "out/ball.exr")"#
+    );
+    let of = |node| images(&stage, (1, 3), &back, node).unwrap();
+    assert_eq!(of("dog"), of("npz"));
+    assert_eq!(of("ball"), of("exr"), "half floats and both windows are kept");
+    for (a, b) in of("dog").iter().zip(&of("png")) {
+        // Premultiplied colours under a low alpha are rounded once more by the 8 bits of the file.
+        let worst = a.samples().iter().zip(b.samples()).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+        assert!(worst < 1.0 / 255.0, "{worst}");
+    }
+}
