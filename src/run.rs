@@ -80,6 +80,9 @@ fn conclude(args: &RunArgs, loaded: &Loaded, graph: &Graph, outcome: &Outcome, c
         0 => String::new(),
         n => format!("; {} of the outputs not made", count(n, "frame")),
     };
-    console.say(&format!("\nfailed: {}{unreached}\n", if failed > 0 { count(failed, "task") } else { count(outcome.diagnostics.len(), "error") }));
+    console.say(&format!(
+        "\nfailed: {}{unreached}\n",
+        if failed > 0 { count(failed, "task") } else { count(outcome.diagnostics.len(), "error") }
+    ));
     EXIT_FAILED
 }

@@ -111,7 +111,8 @@ struct Shot(tempfile::TempDir);
 impl Shot {
     fn new(nodes: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let text = format!("Graph(\n    pegbar: 1,\n    frames: (first: 1, last: 8, fps: 24),\n    nodes: {{\n        {nodes}\n    }},\n)\n");
+        let text =
+            format!("Graph(\n    pegbar: 1,\n    frames: (first: 1, last: 8, fps: 24),\n    nodes: {{\n        {nodes}\n    }},\n)\n");
         std::fs::write(folder.path().join("g.ron"), text).unwrap();
         Self(folder)
     }
@@ -161,6 +162,20 @@ fn a_run_writes_what_was_asked_for_and_nothing_else() {
     assert_eq!(done, ["f", "g", "out"]);
     let row = ran.err.lines().find(|l| l.starts_with("  g ")).unwrap();
     assert_eq!(row.split_whitespace().take(3).collect::<Vec<_>>(), ["g", "test.gain", "3"]);
+}
+
+#[test]
+fn the_values_of_a_node_are_taken_without_a_sink() {
+    let shot = Shot::new(FINE);
+    let ran = shot.run(&["--only", "g", "--frames", "2,5"]);
+    assert_eq!((ran.code, ran.out.as_str()), (0, ""), "{}", ran.err);
+    assert!(ran.err.ends_with("1 file: out/g.value.npz\n"), "{}", ran.err);
+    assert!(shot.read("out/n.02.txt").is_none(), "the sink did not run");
+    let file = std::fs::File::open(shot.path("out/g.value.npz")).unwrap();
+    let mut archive = pegbar_engine::npz::Archive::open(file, 1 << 20).unwrap();
+    assert_eq!(archive.frames().unwrap(), Some(vec![2, 5]));
+    let value = archive.frame(registry().get_type("Curve").unwrap(), 1, 2).unwrap();
+    assert_eq!(pegbar_engine::value::downcast::<Curve>(value).unwrap().value, 10.0);
 }
 
 #[test]
@@ -287,7 +302,10 @@ fn a_file_that_is_not_there_is_an_error_of_the_graph() {
 #[test]
 fn nodes_and_types_are_listed() {
     let ran = cli(&["nodes"]);
-    assert_eq!(ran.out, "test\n  test.frame  The number of the frame.\n  test.gain   A number times a gain.\n  test.write  Writes a number to a file.\n");
+    assert_eq!(
+        ran.out,
+        "test\n  test.frame  The number of the frame.\n  test.gain   A number times a gain.\n  test.write  Writes a number to a file.\n"
+    );
     let json: serde_json::Value = serde_json::from_str(&cli(&["nodes", "--format", "json"]).out).unwrap();
     assert_eq!((json.as_array().map(Vec::len), &json[1]["inputs"][1]["unit"]), (Some(3), &"px".into()));
     let types = cli(&["types"]).out;
@@ -342,7 +360,8 @@ fn types_and_codes_are_explained_and_near_misses_are_named() {
 
 #[test]
 fn every_code_of_the_engine_is_explained_once() {
-    let sources = [include_str!("../engine/src/check/mod.rs"), include_str!("../engine/src/syntax/mod.rs"), include_str!("../engine/src/job.rs")];
+    let sources =
+        [include_str!("../engine/src/check/mod.rs"), include_str!("../engine/src/syntax/mod.rs"), include_str!("../engine/src/job.rs")];
     let used: BTreeSet<&str> = sources.iter().flat_map(|s| s.match_indices("= \"PB").filter_map(|(at, _)| s.get(at + 3..at + 9))).collect();
     let explained: Vec<&str> = CODES.iter().map(|c| c.code).collect();
     assert_eq!(explained, used.into_iter().collect::<Vec<_>>());

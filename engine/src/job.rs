@@ -93,7 +93,8 @@ impl Job {
     /// # Errors
     /// Where there is nothing to make, the target is not in the graph, or a frame is not on its clock.
     pub fn new(graph: &Graph, request: &Request) -> Result<Self, Diagnostic> {
-        let mut job = Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: request.out.clone() };
+        let mut job =
+            Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: request.out.clone() };
         let nodes = match &request.only {
             Some(name) => job.choose(name)?,
             None => job.sinks()?,
@@ -213,7 +214,12 @@ impl Job {
         for failure in failures.iter().filter(|f| !f.error.cancelled) {
             groups.entry((failure.node, failure.error.message.as_str())).or_default().push(failure);
         }
-        groups.into_iter().filter_map(|((node, _), group)| Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))).collect()
+        groups
+            .into_iter()
+            .filter_map(|((node, _), group)| {
+                Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))
+            })
+            .collect()
     }
 
     fn failed(&self, node: usize, mut frames: Vec<i64>, error: &NodeError, inputs: &[String]) -> Diagnostic {
@@ -246,10 +252,16 @@ impl Job {
 
     /// Every file that the targets write, with the node that does.
     fn files(&self) -> Vec<(usize, PathBuf)> {
-        let mut files: Vec<(usize, PathBuf)> = self.taps.iter().map(|t| (t.port.node, t.file.clone())).collect();
+        let mut files: Vec<(usize, PathBuf)> = self.taps.iter().flat_map(|t| t.files().into_iter().map(|f| (t.port.node, f))).collect();
         for target in &self.targets {
             for path in written_paths(&self.graph, target.node) {
-                let frames = if path.is_sequence() { self.frames_of(target) } else { vec![0] };
+                let node = &self.graph.nodes[target.node];
+                let frames = match (path.is_sequence(), node.ty.schema.kind) {
+                    (false, _) => vec![0],
+                    // A node that runs once over a stream writes a file for each of its frames.
+                    (true, Kind::Whole) => node.clock.frames().collect(),
+                    (true, _) => self.frames_of(target),
+                };
                 files.extend(frames.into_iter().map(|f| (target.node, path.at(f))));
             }
         }
@@ -286,7 +298,9 @@ fn is_whole(path: &Path) -> bool {
 fn written_paths(graph: &Graph, node: usize) -> Vec<OutputPath> {
     let spec = &graph.nodes[node];
     let pairs = spec.inputs.iter().zip(&spec.ty.schema.inputs).filter(|(_, s)| s.files == FileUse::Write);
-    let path = |value: &Arc<dyn std::any::Any + Send + Sync>| value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten());
+    let path = |value: &Arc<dyn std::any::Any + Send + Sync>| {
+        value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten())
+    };
     pairs.filter_map(|(binding, _)| if let Binding::Literal { value, .. } = binding { path(value) } else { None }).collect()
 }
 
