@@ -22,7 +22,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) ->
     let request = Request { only: args.only.clone(), frames: args.frames.clone(), out: args.graph.out.clone() };
     let job = match Job::new(graph, &request).and_then(|job| job.prepare().map(|()| job)) {
         Ok(job) => job,
-        Err(wrong) => return refuse(&loaded, wrong, console),
+        Err(wrong) => return refuse(&loaded, *wrong, console),
     };
     let outcome = watched(args, graph, &job, console);
     conclude(args, &loaded, graph, &outcome, console)

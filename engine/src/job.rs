@@ -92,7 +92,7 @@ impl Job {
     ///
     /// # Errors
     /// Where there is nothing to make, the target is not in the graph, or a frame is not on its clock.
-    pub fn new(graph: &Graph, request: &Request) -> Result<Self, Diagnostic> {
+    pub fn new(graph: &Graph, request: &Request) -> Result<Self, Box<Diagnostic>> {
         let mut job =
             Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: request.out.clone() };
         let nodes = match &request.only {
@@ -103,25 +103,25 @@ impl Job {
         for node in nodes {
             let spec = &job.graph.nodes[node];
             let frames = match &request.frames {
-                Some(set) if !spec.runs_once() => Some(set.on(&spec.clock).map_err(|e| bad_frames(&e))?),
+                Some(set) if !spec.runs_once() => Some(set.on(&spec.clock).map_err(|e| Box::new(bad_frames(&e)))?),
                 _ => None,
             };
             any_frames |= frames.is_some();
             job.targets.push(Target { node, frames });
         }
         match &request.frames {
-            Some(set) if !any_frames => Err(frames_of_nothing(set)),
+            Some(set) if !any_frames => Err(frames_of_nothing(set).into()),
             _ => Ok(job),
         }
     }
 
-    fn sinks(&self) -> Result<Vec<usize>, Diagnostic> {
+    fn sinks(&self) -> Result<Vec<usize>, Box<Diagnostic>> {
         let sinks: Vec<usize> = (0..self.nodes).filter(|&n| is_sink(&self.graph, n)).collect();
-        if sinks.is_empty() { Err(nothing_to_run(&self.graph)) } else { Ok(sinks) }
+        if sinks.is_empty() { Err(nothing_to_run(&self.graph).into()) } else { Ok(sinks) }
     }
 
     /// The node called `name`, if it is a sink; else a tap on each of its outputs, or on the one that is named.
-    fn choose(&mut self, name: &str) -> Result<Vec<usize>, Diagnostic> {
+    fn choose(&mut self, name: &str) -> Result<Vec<usize>, Box<Diagnostic>> {
         if let Some(node) = self.graph.find(name) {
             if is_sink(&self.graph, node) {
                 return Ok(vec![node]);
@@ -137,7 +137,7 @@ impl Job {
         let declared = || self.graph.outputs.iter().find(|(n, _)| n == name).map(|(_, p)| *p);
         match port.or_else(declared) {
             Some(port) => Ok(vec![self.tap(port)]),
-            None => Err(unknown_target(&self.graph, name)),
+            None => Err(unknown_target(&self.graph, name).into()),
         }
     }
 
@@ -180,14 +180,16 @@ impl Job {
     ///
     /// # Errors
     /// Where the folder cannot be made or written.
-    pub fn prepare(&self) -> Result<(), Diagnostic> {
+    pub fn prepare(&self) -> Result<(), Box<Diagnostic>> {
         if self.taps.is_empty() && self.files().is_empty() {
             return Ok(());
         }
         let made = std::fs::create_dir_all(&self.out).and_then(|()| tempfile::tempfile_in(&self.out).map(drop));
         made.map_err(|error| {
             let message = format!("expected an output folder that can be written at {}, found: {error}", self.out.display());
-            Diagnostic::new(Severity::Error, code::BAD_OUTPUT_FOLDER, message).help("choose another folder with --out, or free this one")
+            Diagnostic::new(Severity::Error, code::BAD_OUTPUT_FOLDER, message)
+                .help("choose another folder with --out, or free this one")
+                .into()
         })
     }
 

@@ -278,7 +278,7 @@ mod tests {
         for (i, node) in graph.nodes.iter().enumerate() {
             for (row, socket) in sockets(node).iter().enumerate() {
                 let path = layout.path(i, row, socket.port);
-                assert!(path.len() % 2 == 0 && path.windows(2).all(|p| p[0][0] < p[1][0]), "{path:?}");
+                assert!(path.len().is_multiple_of(2) && path.windows(2).all(|p| p[0][0] < p[1][0]), "{path:?}");
             }
         }
         let meet = |a: &[f64; 4], b: &[f64; 4]| a[0] < b[0] + b[2] && b[0] < a[0] + a[2] && a[1] < b[1] + b[3] && b[1] < a[1] + a[3];

@@ -194,7 +194,7 @@ mod tests {
             let range = FrameRange { first, last, step: if length == 0 { 1 } else { step } };
             prop_assert_eq!(range.to_string().parse::<FrameRange>(), Ok(range));
             let frames = FrameSet(vec![range]).on(&clock(-1000, 1000)).unwrap();
-            let expected: Vec<i64> = (first..=last).filter(|f| (f - first) as u64 % range.step == 0).collect();
+            let expected: Vec<i64> = (first..=last).filter(|f| ((f - first) as u64).is_multiple_of(range.step)).collect();
             prop_assert_eq!(frames, expected);
         }
 
