@@ -166,7 +166,7 @@ impl<'a> Reporter<'a> {
         let targets = self.nodes.iter().zip(&self.is_target).filter(|(_, t)| **t);
         let (done, planned) =
             targets.fold((0, 0), |(d, p), (c, _)| (d + c.done.load(Ordering::Relaxed), p + c.planned.load(Ordering::Relaxed)));
-        if planned == 0 { 0 } else { self.frames * done / planned }
+        (self.frames * done).checked_div(planned).unwrap_or(0)
     }
 
     fn rate(&self) -> f64 {
