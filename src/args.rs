@@ -64,19 +64,27 @@ pub(crate) enum Command {
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
     /// List the node types, by family.
-    #[command(after_help = "Examples:\n  pegbar nodes                                      one line each\n  pegbar nodes --format json | jq '.[].id'          everything that is known of them")]
+    #[command(
+        after_help = "Examples:\n  pegbar nodes                                      one line each\n  pegbar nodes --format json | jq '.[].id'          everything that is known of them"
+    )]
     Nodes(ListArgs),
     /// List the value types that travel along wires.
-    #[command(after_help = "Examples:\n  pegbar types                 one line each\n  pegbar types --format json   with arrays, element types and shapes")]
+    #[command(
+        after_help = "Examples:\n  pegbar types                 one line each\n  pegbar types --format json   with arrays, element types and shapes"
+    )]
     Types(ListArgs),
     /// Explain a node type, a value type or a diagnostic code.
     #[command(after_help = EXPLAIN_EXAMPLES)]
     Explain(ExplainArgs),
     /// Draw a graph: nodes, ports, and wires with their types.
-    #[command(after_help = "Examples:\n  pegbar graph hat.ron --format svg > hat.svg\n  pegbar graph hat.ron --format dot | dot -Tpdf > hat.pdf\n\nThe same graph is always drawn the same.")]
+    #[command(
+        after_help = "Examples:\n  pegbar graph hat.ron --format svg > hat.svg\n  pegbar graph hat.ron --format dot | dot -Tpdf > hat.pdf\n\nThe same graph is always drawn the same."
+    )]
     Graph(DrawArgs),
     /// Print a completion script for a shell.
-    #[command(after_help = "Examples:\n  pegbar completions bash > ~/.local/share/bash-completion/completions/pegbar\n  pegbar completions zsh > ~/.zfunc/_pegbar")]
+    #[command(
+        after_help = "Examples:\n  pegbar completions bash > ~/.local/share/bash-completion/completions/pegbar\n  pegbar completions zsh > ~/.zfunc/_pegbar"
+    )]
     Completions(CompletionsArgs),
 }
 

@@ -188,8 +188,13 @@ fn type_text(schema: &TypeSchema, registry: &Registry) -> String {
         text.extend(schema.texts.iter().map(|t| format!("  {}\n{}", t.name, wrap(t.doc, 6))));
     }
     let makes = |n: &NodeSchema| n.outputs.iter().any(|o| o.ty == Some(schema.name));
-    let takes = |n: &NodeSchema| n.inputs.iter().any(|i| i.ty == InputType::Value(schema.name) || matches!(&i.ty, InputType::Setting { wire: Some(w), .. } if *w == schema.name));
-    let ids = |f: &dyn Fn(&NodeSchema) -> bool| registry.nodes().filter(|n| f(&n.schema)).map(|n| n.schema.id).collect::<Vec<_>>().join(", ");
+    let takes = |n: &NodeSchema| {
+        n.inputs.iter().any(|i| {
+            i.ty == InputType::Value(schema.name) || matches!(&i.ty, InputType::Setting { wire: Some(w), .. } if *w == schema.name)
+        })
+    };
+    let ids =
+        |f: &dyn Fn(&NodeSchema) -> bool| registry.nodes().filter(|n| f(&n.schema)).map(|n| n.schema.id).collect::<Vec<_>>().join(", ");
     for (title, ids) in [("Made by", ids(&makes)), ("Taken by", ids(&takes))] {
         if !ids.is_empty() {
             text.push_str(&format!("\n{title}\n{}", wrap(&ids, 2)));

@@ -149,19 +149,24 @@ impl<'a> Reporter<'a> {
     }
 
     fn tasks(&self) -> (usize, usize) {
-        self.nodes.iter().fold((0, 0), |(done, planned), c| (done + c.done.load(Ordering::Relaxed), planned + c.planned.load(Ordering::Relaxed)))
+        self.nodes
+            .iter()
+            .fold((0, 0), |(done, planned), c| (done + c.done.load(Ordering::Relaxed), planned + c.planned.load(Ordering::Relaxed)))
     }
 
     fn nodes_done(&self) -> (usize, usize) {
         let busy = self.nodes[..self.graph.nodes.len()].iter().filter(|c| c.planned.load(Ordering::Relaxed) > 0);
-        busy.fold((0, 0), |(done, all), c| (done + usize::from(c.done.load(Ordering::Relaxed) >= c.planned.load(Ordering::Relaxed)), all + 1))
+        busy.fold((0, 0), |(done, all), c| {
+            (done + usize::from(c.done.load(Ordering::Relaxed) >= c.planned.load(Ordering::Relaxed)), all + 1)
+        })
     }
 
     /// Frames of which all that is asked for is made; where several nodes are asked for, by the share of their tasks.
     fn frames_done(&self) -> usize {
         let targets = self.nodes.iter().zip(&self.is_target).filter(|(_, t)| **t);
-        let (done, planned) = targets.fold((0, 0), |(d, p), (c, _)| (d + c.done.load(Ordering::Relaxed), p + c.planned.load(Ordering::Relaxed)));
-        if planned == 0 { 0 } else { self.frames * done / planned }
+        let (done, planned) =
+            targets.fold((0, 0), |(d, p), (c, _)| (d + c.done.load(Ordering::Relaxed), p + c.planned.load(Ordering::Relaxed)));
+        (self.frames * done).checked_div(planned).unwrap_or(0)
     }
 
     fn rate(&self) -> f64 {
@@ -178,7 +183,9 @@ impl<'a> Reporter<'a> {
         let (_, tasks) = self.tasks();
         let (_, nodes) = self.nodes_done();
         match self.style {
-            Style::Plain => console.say(&format!("planned: {}, {}, {}\n", count(nodes, "node"), count(self.frames, "frame"), count(tasks, "task"))),
+            Style::Plain => {
+                console.say(&format!("planned: {}, {}, {}\n", count(nodes, "node"), count(self.frames, "frame"), count(tasks, "task")))
+            }
             Style::Json => line(console, &json!({"event": "planned", "nodes": nodes, "frames": self.frames, "tasks": tasks})),
             _ => {}
         }
@@ -199,7 +206,10 @@ impl<'a> Reporter<'a> {
                 (shown.started, shown.done) = (true, true);
                 match self.style {
                     Style::Plain => console.say(&format!("done:    {} ({}, {})\n", node.name, count(done, "task"), duration(time))),
-                    Style::Json => line(console, &json!({"event": "node_done", "node": node.name, "type": node.ty.schema.id, "tasks": done, "seconds": time.as_secs_f64()})),
+                    Style::Json => line(
+                        console,
+                        &json!({"event": "node_done", "node": node.name, "type": node.ty.schema.id, "tasks": done, "seconds": time.as_secs_f64()}),
+                    ),
                     _ => {}
                 }
             } else if !shown.started {
@@ -232,7 +242,10 @@ impl<'a> Reporter<'a> {
         match self.style {
             Style::Plain => {
                 let to_go = self.to_go().map(|t| format!(", {} to go", duration(t))).unwrap_or_default();
-                console.say(&format!("total:   {nodes_done}/{nodes} nodes, {frames_done}/{frames} frames, {tasks_done}/{tasks} tasks, {} frames/s{to_go}\n", figures(rate)));
+                console.say(&format!(
+                    "total:   {nodes_done}/{nodes} nodes, {frames_done}/{frames} frames, {tasks_done}/{tasks} tasks, {} frames/s{to_go}\n",
+                    figures(rate)
+                ));
             }
             Style::Json => line(
                 console,
@@ -249,7 +262,12 @@ impl<'a> Reporter<'a> {
         bar.set_length(planned as u64);
         bar.set_position(done as u64);
         let to_go = self.to_go().map(|t| format!(", {} to go", duration(t))).unwrap_or_default();
-        bar.set_message(format!("nodes {nodes_done}/{nodes}, frames {}/{}, {} frames/s{to_go}", self.frames_done(), self.frames, figures(self.rate())));
+        bar.set_message(format!(
+            "nodes {nodes_done}/{nodes}, frames {}/{}, {} frames/s{to_go}",
+            self.frames_done(),
+            self.frames,
+            figures(self.rate())
+        ));
     }
 }
 
@@ -275,7 +293,13 @@ pub(crate) fn finished_line(sources: &SourceMap, graph: &Graph, outcome: &Outcom
         .map(|(n, s)| json!({"node": n.name, "type": n.ty.schema.id, "tasks": s.tasks, "seconds": s.time.as_secs_f64(), "peak_bytes": s.peak_bytes}))
         .collect();
     let secs = outcome.wall.as_secs_f64();
-    let status = if outcome.report.cancelled { "cancelled" } else if outcome.is_complete() { "complete" } else { "failed" };
+    let status = if outcome.report.cancelled {
+        "cancelled"
+    } else if outcome.is_complete() {
+        "complete"
+    } else {
+        "failed"
+    };
     let diagnostics: Vec<_> = outcome.diagnostics.iter().map(|d| sources.to_json(d)).collect();
     let files: Vec<String> = outcome.written.iter().map(|p| p.display().to_string()).collect();
     let value = json!({"event": "finished", "status": status, "frames": outcome.frames, "seconds": secs, "frames_per_second": outcome.frames as f64 / secs.max(1e-9),

@@ -22,7 +22,7 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) ->
     let request = Request { only: args.only.clone(), frames: args.frames.clone(), out: args.graph.out.clone() };
     let job = match Job::new(graph, &request).and_then(|job| job.prepare().map(|()| job)) {
         Ok(job) => job,
-        Err(wrong) => return refuse(&loaded, wrong, console),
+        Err(wrong) => return refuse(&loaded, *wrong, console),
     };
     let outcome = watched(args, graph, &job, console);
     conclude(args, &loaded, graph, &outcome, console)
@@ -80,6 +80,9 @@ fn conclude(args: &RunArgs, loaded: &Loaded, graph: &Graph, outcome: &Outcome, c
         0 => String::new(),
         n => format!("; {} of the outputs not made", count(n, "frame")),
     };
-    console.say(&format!("\nfailed: {}{unreached}\n", if failed > 0 { count(failed, "task") } else { count(outcome.diagnostics.len(), "error") }));
+    console.say(&format!(
+        "\nfailed: {}{unreached}\n",
+        if failed > 0 { count(failed, "task") } else { count(outcome.diagnostics.len(), "error") }
+    ));
     EXIT_FAILED
 }

@@ -57,11 +57,23 @@ pub(crate) fn summary(graph: &Graph, outcome: &Outcome) -> String {
     for (node, stats) in graph.nodes.iter().zip(&report.stats).filter(|(_, s)| s.tasks > 0) {
         let share = if total > 0.0 { stats.time.as_secs_f64() / total * 100.0 } else { 0.0 };
         let type_id = node.ty.schema.id.to_owned();
-        rows.push(vec![node.name.clone(), type_id, stats.tasks.to_string(), duration(stats.time), format!("{share:.1} %"), bytes(stats.peak_bytes)]);
+        rows.push(vec![
+            node.name.clone(),
+            type_id,
+            stats.tasks.to_string(),
+            duration(stats.time),
+            format!("{share:.1} %"),
+            bytes(stats.peak_bytes),
+        ]);
     }
     let rate = outcome.frames as f64 / outcome.wall.as_secs_f64().max(1e-9);
     let frames = count(outcome.frames, "frame");
-    let total = format!("{frames} in {}, {} frames/s, peak memory of results {}\n", duration(outcome.wall), figures(rate), bytes(report.peak_bytes));
+    let total = format!(
+        "{frames} in {}, {} frames/s, peak memory of results {}\n",
+        duration(outcome.wall),
+        figures(rate),
+        bytes(report.peak_bytes)
+    );
     let table = if rows.len() > 1 { format!("{}\n", table(&rows)) } else { String::new() };
     format!("{table}{total}{}", files(outcome))
 }

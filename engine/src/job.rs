@@ -92,8 +92,9 @@ impl Job {
     ///
     /// # Errors
     /// Where there is nothing to make, the target is not in the graph, or a frame is not on its clock.
-    pub fn new(graph: &Graph, request: &Request) -> Result<Self, Diagnostic> {
-        let mut job = Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: request.out.clone() };
+    pub fn new(graph: &Graph, request: &Request) -> Result<Self, Box<Diagnostic>> {
+        let mut job =
+            Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: request.out.clone() };
         let nodes = match &request.only {
             Some(name) => job.choose(name)?,
             None => job.sinks()?,
@@ -102,25 +103,25 @@ impl Job {
         for node in nodes {
             let spec = &job.graph.nodes[node];
             let frames = match &request.frames {
-                Some(set) if !spec.runs_once() => Some(set.on(&spec.clock).map_err(|e| bad_frames(&e))?),
+                Some(set) if !spec.runs_once() => Some(set.on(&spec.clock).map_err(|e| Box::new(bad_frames(&e)))?),
                 _ => None,
             };
             any_frames |= frames.is_some();
             job.targets.push(Target { node, frames });
         }
         match &request.frames {
-            Some(set) if !any_frames => Err(frames_of_nothing(set)),
+            Some(set) if !any_frames => Err(frames_of_nothing(set).into()),
             _ => Ok(job),
         }
     }
 
-    fn sinks(&self) -> Result<Vec<usize>, Diagnostic> {
+    fn sinks(&self) -> Result<Vec<usize>, Box<Diagnostic>> {
         let sinks: Vec<usize> = (0..self.nodes).filter(|&n| is_sink(&self.graph, n)).collect();
-        if sinks.is_empty() { Err(nothing_to_run(&self.graph)) } else { Ok(sinks) }
+        if sinks.is_empty() { Err(nothing_to_run(&self.graph).into()) } else { Ok(sinks) }
     }
 
     /// The node called `name`, if it is a sink; else a tap on each of its outputs, or on the one that is named.
-    fn choose(&mut self, name: &str) -> Result<Vec<usize>, Diagnostic> {
+    fn choose(&mut self, name: &str) -> Result<Vec<usize>, Box<Diagnostic>> {
         if let Some(node) = self.graph.find(name) {
             if is_sink(&self.graph, node) {
                 return Ok(vec![node]);
@@ -136,7 +137,7 @@ impl Job {
         let declared = || self.graph.outputs.iter().find(|(n, _)| n == name).map(|(_, p)| *p);
         match port.or_else(declared) {
             Some(port) => Ok(vec![self.tap(port)]),
-            None => Err(unknown_target(&self.graph, name)),
+            None => Err(unknown_target(&self.graph, name).into()),
         }
     }
 
@@ -179,14 +180,16 @@ impl Job {
     ///
     /// # Errors
     /// Where the folder cannot be made or written.
-    pub fn prepare(&self) -> Result<(), Diagnostic> {
+    pub fn prepare(&self) -> Result<(), Box<Diagnostic>> {
         if self.taps.is_empty() && self.files().is_empty() {
             return Ok(());
         }
         let made = std::fs::create_dir_all(&self.out).and_then(|()| tempfile::tempfile_in(&self.out).map(drop));
         made.map_err(|error| {
             let message = format!("expected an output folder that can be written at {}, found: {error}", self.out.display());
-            Diagnostic::new(Severity::Error, code::BAD_OUTPUT_FOLDER, message).help("choose another folder with --out, or free this one")
+            Diagnostic::new(Severity::Error, code::BAD_OUTPUT_FOLDER, message)
+                .help("choose another folder with --out, or free this one")
+                .into()
         })
     }
 
@@ -213,7 +216,12 @@ impl Job {
         for failure in failures.iter().filter(|f| !f.error.cancelled) {
             groups.entry((failure.node, failure.error.message.as_str())).or_default().push(failure);
         }
-        groups.into_iter().filter_map(|((node, _), group)| Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))).collect()
+        groups
+            .into_iter()
+            .filter_map(|((node, _), group)| {
+                Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))
+            })
+            .collect()
     }
 
     fn failed(&self, node: usize, mut frames: Vec<i64>, error: &NodeError, inputs: &[String]) -> Diagnostic {
@@ -246,10 +254,16 @@ impl Job {
 
     /// Every file that the targets write, with the node that does.
     fn files(&self) -> Vec<(usize, PathBuf)> {
-        let mut files: Vec<(usize, PathBuf)> = self.taps.iter().map(|t| (t.port.node, t.file.clone())).collect();
+        let mut files: Vec<(usize, PathBuf)> = self.taps.iter().flat_map(|t| t.files().into_iter().map(|f| (t.port.node, f))).collect();
         for target in &self.targets {
             for path in written_paths(&self.graph, target.node) {
-                let frames = if path.is_sequence() { self.frames_of(target) } else { vec![0] };
+                let node = &self.graph.nodes[target.node];
+                let frames = match (path.is_sequence(), node.ty.schema.kind) {
+                    (false, _) => vec![0],
+                    // A node that runs once over a stream writes a file for each of its frames.
+                    (true, Kind::Whole) => node.clock.frames().collect(),
+                    (true, _) => self.frames_of(target),
+                };
                 files.extend(frames.into_iter().map(|f| (target.node, path.at(f))));
             }
         }
@@ -286,7 +300,9 @@ fn is_whole(path: &Path) -> bool {
 fn written_paths(graph: &Graph, node: usize) -> Vec<OutputPath> {
     let spec = &graph.nodes[node];
     let pairs = spec.inputs.iter().zip(&spec.ty.schema.inputs).filter(|(_, s)| s.files == FileUse::Write);
-    let path = |value: &Arc<dyn std::any::Any + Send + Sync>| value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten());
+    let path = |value: &Arc<dyn std::any::Any + Send + Sync>| {
+        value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten())
+    };
     pairs.filter_map(|(binding, _)| if let Binding::Literal { value, .. } = binding { path(value) } else { None }).collect()
 }
 

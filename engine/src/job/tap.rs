@@ -1,11 +1,15 @@
 //! A tap: a node that the job puts behind an output, and that keeps what comes out of it.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crate::atomic;
 use crate::graph::{Binding, Graph, GraphNode, Port};
-use crate::node::{Access, Arg, Computed, Context, InputSchema, InputType, Kind, Needs, NodeError, NodeSchema, Operator, Problem};
+use crate::node::{Access, Arg, Computed, Context, Fault, InputSchema, InputType, Kind, Needs, NodeError, NodeSchema, Operator, Problem};
+use crate::npz::{self, NpzError};
 use crate::registry::NodeType;
 use crate::setting::{FileUse, SettingError};
 use crate::value::ValueRef;
@@ -17,6 +21,7 @@ pub(super) struct Tap {
     /// One value a frame, rather than one for the whole graph.
     per_frame: bool,
     values: Arc<Collector>,
+    written: Mutex<Vec<PathBuf>>,
 }
 
 #[derive(Default)]
@@ -30,7 +35,7 @@ impl Operator for Collector {
     fn compute(&self, args: Vec<Arg>, _state: Option<ValueRef>, cx: &Context) -> Result<Computed, NodeError> {
         match args.into_iter().next() {
             Some(Arg::Value(value)) => {
-                self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(cx.frame, value);
+                lock(&self.0).insert(cx.frame, value);
                 Ok(Computed { outputs: Vec::new(), state: None })
             }
             _ => Err(NodeError::internal("expected a value at a tap, found none")),
@@ -90,21 +95,52 @@ impl Tap {
             file: tapped.file,
             span: tapped.span,
         };
-        (Self { port, file, per_frame, values }, node)
+        (Self { port, file, per_frame, values, written: Mutex::default() }, node)
     }
 
-    /// Writes what was kept; a stream with the frame numbers.
+    /// Writes what was kept; a stream into one file with its frame numbers, or a file a frame where the arrays differ in extents.
     pub(super) fn write(&self) -> Result<(), NodeError> {
-        let kept = std::mem::take(&mut *self.values.0.lock().unwrap_or_else(PoisonError::into_inner));
-        if let Some(folder) = self.file.parent() {
-            std::fs::create_dir_all(folder).map_err(|e| NodeError::io(folder, e))?;
-        }
+        let kept = std::mem::take(&mut *lock(&self.values.0));
         let (frames, values): (Vec<i64>, Vec<ValueRef>) = kept.into_iter().unzip();
-        write_npz(&self.file, self.per_frame.then_some(frames.as_slice()), &values)
+        let Some(first) = values.first() else {
+            return Err(NodeError::internal("expected values at a tap, found none"));
+        };
+        if !self.per_frame {
+            return self.file(self.file.clone(), |out| npz::write(first.as_ref(), false, out));
+        }
+        if is_even(&values) {
+            return self.file(self.file.clone(), |out| npz::write_stream(&frames, &values, false, out));
+        }
+        for (frame, value) in frames.iter().zip(&values) {
+            let sign = if *frame < 0 { "-" } else { "" };
+            let path = self.file.with_extension(format!("{sign}{:04}.npz", frame.unsigned_abs()));
+            self.file(path, |out| npz::write(value.as_ref(), false, out))?;
+        }
+        Ok(())
+    }
+
+    fn file(&self, path: PathBuf, contents: impl FnOnce(&mut BufWriter<&File>) -> Result<(), NpzError>) -> Result<(), NodeError> {
+        atomic::write(&path, contents).map_err(|error| NodeError::new(Fault::Io, error.to_string()))?;
+        lock(&self.written).push(path);
+        Ok(())
+    }
+
+    /// The files that were written; before that, the one that most likely will be.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        let written = lock(&self.written).clone();
+        if written.is_empty() { vec![self.file.clone()] } else { written }
     }
 }
 
-// NPZ CALL SITE: becomes `crate::npz::write` once that module is there.
-fn write_npz(file: &std::path::Path, _frames: Option<&[i64]>, _values: &[ValueRef]) -> Result<(), NodeError> {
-    Err(NodeError::internal(format!("{}: .npz files cannot be written yet", file.display())))
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// True where the arrays of all values have the same extents, so that they can be stacked.
+fn is_even(values: &[ValueRef]) -> bool {
+    let extents = |v: &ValueRef| v.parts().arrays.iter().map(|(name, a)| (*name, a.dtype, a.shape.to_vec())).collect::<Vec<_>>();
+    values.first().is_none_or(|first| {
+        let first = extents(first);
+        values.iter().all(|v| extents(v) == first)
+    })
 }

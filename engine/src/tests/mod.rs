@@ -1,4 +1,4 @@
 //! The engine with nodes of numbers: small enough that every result is known in closed form.
 
-mod nodes;
+pub(crate) mod nodes;
 mod run;

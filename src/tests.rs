@@ -1,0 +1,397 @@
+//! The command line in one process, on nodes of numbers.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use clap::CommandFactory;
+use pegbar_engine::node::{Cancel, Context, In, NodeError, PerFrame};
+use pegbar_engine::registry::Registry;
+use pegbar_engine::setting::{ClockName, OutputPath};
+use pegbar_engine::value::Curve;
+use pegbar_engine::{Node, Outputs};
+
+use crate::codes::CODES;
+use crate::{Console, run_cli};
+
+/// One number.
+#[derive(Outputs)]
+struct Number {
+    /// The number.
+    value: Curve,
+}
+
+/// The number of the frame.
+#[derive(Node)]
+#[node(id = "test.frame", version = 1, kind = source, outputs = Number, uses_frame)]
+struct FrameNumber {
+    /// The clock that is counted.
+    #[input(default = "frames")]
+    #[allow(dead_code, reason = "read by the checker")]
+    clock: ClockName,
+}
+
+impl PerFrame for FrameNumber {
+    fn run(self, cx: &Context) -> Result<Number, NodeError> {
+        Ok(Number { value: Curve { value: cx.frame as f64 } })
+    }
+}
+
+/// A number times a gain. Fails from a frame on.
+///
+/// The gain is held where it is one value.
+#[derive(Node)]
+#[node(id = "test.gain", version = 3, outputs = Number, source = "Euclid, Elements VII, definition 15", example = "\"g\": (type: \"test.gain\", a: \"@f\", gain: 2.0)")]
+struct Gain {
+    /// What is multiplied.
+    a: In<Curve>,
+    /// The factor. 0 gives nought, 10 the most.
+    #[input(default = 1.0, range = 0.0..=10.0, unit = "px")]
+    gain: f64,
+    /// First frame at which it fails.
+    #[input(default = 100)]
+    fails: i64,
+}
+
+impl PerFrame for Gain {
+    fn run(self, cx: &Context) -> Result<Number, NodeError> {
+        if cx.frame >= self.fails {
+            return Err(NodeError::input("expected an early frame, found a late one").help("ask for fewer frames"));
+        }
+        Ok(Number { value: Curve { value: self.a.value * self.gain } })
+    }
+}
+
+/// Writes a number to a file.
+#[derive(Node)]
+#[node(id = "test.write", version = 1, kind = sink)]
+struct Write {
+    /// The number.
+    value: In<Curve>,
+    /// The file.
+    path: OutputPath,
+    /// True for a node that says that it wrote and did not.
+    #[input(default = false)]
+    lies: bool,
+}
+
+impl PerFrame for Write {
+    fn run(self, cx: &Context) -> Result<(), NodeError> {
+        let path = self.path.at(cx.frame);
+        if self.lies {
+            return Ok(());
+        }
+        std::fs::write(&path, format!("{}\n", self.value.value)).map_err(|e| NodeError::io(&path, e))
+    }
+}
+
+fn registry() -> Registry {
+    Registry::new().per_frame::<FrameNumber>().per_frame::<Gain>().per_frame::<Write>()
+}
+
+struct Ran {
+    code: u8,
+    out: String,
+    err: String,
+}
+
+fn cli_with(args: &[&str], cancel: Cancel) -> Ran {
+    let (mut out, mut err) = (Vec::new(), Vec::new());
+    let mut console = Console { stdout: &mut out, stderr: &mut err, is_terminal: false, colour: false, cancel };
+    let code = run_cli(std::iter::once("pegbar").chain(args.iter().copied()), &registry(), &mut console);
+    Ran { code, out: String::from_utf8(out).unwrap(), err: String::from_utf8(err).unwrap() }
+}
+
+fn cli(args: &[&str]) -> Ran {
+    cli_with(args, Cancel::default())
+}
+
+/// A folder with the graph `g.ron` of eight frames.
+struct Shot(tempfile::TempDir);
+
+impl Shot {
+    fn new(nodes: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let text =
+            format!("Graph(\n    pegbar: 1,\n    frames: (first: 1, last: 8, fps: 24),\n    nodes: {{\n        {nodes}\n    }},\n)\n");
+        std::fs::write(folder.path().join("g.ron"), text).unwrap();
+        Self(folder)
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_string_lossy().into_owned()
+    }
+
+    fn run(&self, more: &[&str]) -> Ran {
+        let (graph, out) = (self.path("g.ron"), self.path("out"));
+        let mut args = vec!["run", &graph, "--out", &out];
+        args.extend(more);
+        let ran = cli(&args);
+        Ran { code: ran.code, out: self.plain(&ran.out), err: self.plain(&ran.err) }
+    }
+
+    /// Text without the name of the temporary folder.
+    fn plain(&self, text: &str) -> String {
+        text.replace(&format!("{}/", self.0.path().display()), "")
+    }
+
+    fn read(&self, name: &str) -> Option<String> {
+        std::fs::read_to_string(self.path(name)).ok()
+    }
+}
+
+const FINE: &str = r#""f": (type: "test.frame"),
+        "g": (type: "test.gain", a: "@f", gain: 2.0),
+        "out": (type: "test.write", value: "@g", path: "$out/n.##.txt"),"#;
+
+#[test]
+fn the_arguments_are_well_defined() {
+    crate::args::Cli::command().debug_assert();
+}
+
+#[test]
+fn a_run_writes_what_was_asked_for_and_nothing_else() {
+    let shot = Shot::new(FINE);
+    let ran = shot.run(&["--frames", "2-6x2", "--set", "g.gain=3.0"]);
+    assert_eq!((ran.code, ran.out.as_str()), (0, ""), "{}", ran.err);
+    let read: Vec<Option<String>> = (1..=8).map(|f| shot.read(&format!("out/n.{f:02}.txt"))).collect();
+    let expected = [None, Some("6\n"), None, Some("12\n"), None, Some("18\n"), None, None];
+    assert_eq!(read, expected.map(|e| e.map(str::to_owned)));
+    assert!(ran.err.contains("3 files: out/n.02.txt ... out/n.06.txt"), "{}", ran.err);
+    assert!(ran.err.contains("planned: 3 nodes, 3 frames, 9 tasks"), "{}", ran.err);
+    let done: Vec<&str> = ran.err.lines().filter(|l| l.starts_with("done:")).filter_map(|l| l.split_whitespace().nth(1)).collect();
+    assert_eq!(done, ["f", "g", "out"]);
+    let row = ran.err.lines().find(|l| l.starts_with("  g ")).unwrap();
+    assert_eq!(row.split_whitespace().take(3).collect::<Vec<_>>(), ["g", "test.gain", "3"]);
+}
+
+#[test]
+fn the_values_of_a_node_are_taken_without_a_sink() {
+    let shot = Shot::new(FINE);
+    let ran = shot.run(&["--only", "g", "--frames", "2,5"]);
+    assert_eq!((ran.code, ran.out.as_str()), (0, ""), "{}", ran.err);
+    assert!(ran.err.ends_with("1 file: out/g.value.npz\n"), "{}", ran.err);
+    assert!(shot.read("out/n.02.txt").is_none(), "the sink did not run");
+    let file = std::fs::File::open(shot.path("out/g.value.npz")).unwrap();
+    let mut archive = pegbar_engine::npz::Archive::open(file, 1 << 20).unwrap();
+    assert_eq!(archive.frames().unwrap(), Some(vec![2, 5]));
+    let value = archive.frame(registry().get_type("Curve").unwrap(), 1, 2).unwrap();
+    assert_eq!(pegbar_engine::value::downcast::<Curve>(value).unwrap().value, 10.0);
+}
+
+#[test]
+fn no_progress_is_silence() {
+    let ran = Shot::new(FINE).run(&["--progress", "none"]);
+    assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (0, "", ""));
+}
+
+#[test]
+fn progress_as_json_is_one_object_a_line() {
+    let ran = Shot::new(FINE).run(&["--progress", "json", "--set", "g.fails=7"]);
+    assert_eq!(ran.code, 1);
+    let events: Vec<serde_json::Value> = ran.out.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(events[0], serde_json::json!({"event": "planned", "nodes": 3, "frames": 8, "tasks": 24}));
+    let last = events.last().unwrap();
+    assert_eq!((&last["event"], &last["status"], &last["failed_tasks"]), (&"finished".into(), &"failed".into(), &2.into()));
+    assert_eq!(last["files"].as_array().map(Vec::len), Some(6));
+    assert_eq!(last["diagnostics"][0]["line"], 6);
+    assert!(events.iter().any(|e| e["event"] == "failed" && e["node"] == "g" && e["frame"] == 8));
+}
+
+#[test]
+fn a_failure_points_at_the_node_and_folds_its_frames() {
+    let shot = Shot::new(FINE);
+    let ran = shot.run(&["--set", "g.fails=4", "--progress", "none"]);
+    assert_eq!(ran.code, 1);
+    let expected = "\
+error[PB0500]: node `g` failed at frames 4-8: expected an early frame, found a late one
+ --> g.ron:6:9
+  |
+6 |         \"g\": (type: \"test.gain\", a: \"@f\", gain: 2.0),
+  |         ^^^ test.gain with a: Curve []
+  |
+  = help: ask for fewer frames
+
+failed: 5 tasks; 5 frames of the outputs not made
+";
+    assert_eq!(ran.err, expected);
+    assert_eq!(shot.read("out/n.03.txt").as_deref(), Some("6\n"));
+}
+
+#[test]
+fn a_file_that_was_not_written_is_missed() {
+    let shot = Shot::new(FINE);
+    let ran = shot.run(&["--set", "out.lies=true", "--progress", "none"]);
+    assert_eq!(ran.code, 1);
+    assert!(ran.err.contains("error[PB0501]: expected a file at out/n.01.txt and 7 more from node `out`, found none"), "{}", ran.err);
+}
+
+#[test]
+fn what_is_wrong_with_the_command_line_is_said_before_anything_runs() {
+    let shot = Shot::new(FINE);
+    let cases: [(&[&str], &str); 8] = [
+        (&["--frames", "3-12"], "error[PB0510]: expected frames from 1 to 8 on clock `frames`, found 3-12"),
+        (&["--frames", "8-1"], "expected a range that goes up, found `8-1`"),
+        (&["--only", "ouf"], "did you mean `out`?"),
+        (&["--only", "elsewhere"], "the nodes are f, g, out"),
+        (&["--set", "g.gian=1"], "did you mean `gain`?"),
+        (&["--set", "g"], "expected NAME=VALUE, found `g`"),
+        (&["--set", "g.gain=11"], "PB0131"),
+        (&["--threads", "0"], "0 is not in 1..=1024"),
+    ];
+    for (args, message) in cases {
+        let ran = shot.run(args);
+        assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{args:?}");
+        assert!(ran.err.contains(message), "{args:?}: {}", ran.err);
+    }
+    assert!(!Path::new(&shot.path("out")).exists(), "nothing was made");
+}
+
+#[test]
+fn a_graph_without_sinks_says_what_to_do() {
+    let ran = Shot::new(r#""f": (type: "test.frame"),"#).run(&[]);
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.contains("PB0512") && ran.err.contains("such as --only f"), "{}", ran.err);
+}
+
+#[test]
+fn an_output_folder_that_cannot_be_made_is_one_error() {
+    let shot = Shot::new(FINE);
+    std::fs::write(shot.path("out"), "a file").unwrap();
+    let ran = shot.run(&[]);
+    assert_eq!((ran.code, ran.err.matches("error[").count()), (2, 1), "{}", ran.err);
+    assert!(ran.err.contains("error[PB0513]: expected an output folder that can be written at out, found:"), "{}", ran.err);
+}
+
+#[test]
+fn a_cancelled_run_has_its_own_code() {
+    let shot = Shot::new(FINE);
+    let cancel = Cancel::default();
+    cancel.cancel();
+    let ran = cli_with(&["run", &shot.path("g.ron"), "--out", &shot.path("out")], cancel);
+    assert_eq!(ran.code, 130);
+    assert!(ran.err.ends_with("cancelled: files that are there are whole\n"), "{}", ran.err);
+}
+
+#[test]
+fn a_check_tells_all_that_is_wrong_and_runs_nothing() {
+    let shot = Shot::new(r#""f": (type: "test.fram"), "g": (type: "test.gain", a: "@nobody", gian: 1.0),"#);
+    let ran = cli(&["check", &shot.path("g.ron")]);
+    assert_eq!((ran.code, ran.out.as_str()), (2, ""));
+    for code in ["PB0120", "PB0121", "PB0140", "g.ron: 3 errors; `pegbar explain PB0120` says more"] {
+        assert!(ran.err.contains(code), "{code}: {}", ran.err);
+    }
+    let json = cli(&["check", &shot.path("g.ron"), "--format", "json"]);
+    let report: serde_json::Value = serde_json::from_str(&json.out).unwrap();
+    assert_eq!((json.code, json.err.as_str(), &report["errors"], &report["ok"]), (2, "", &3.into(), &false.into()));
+    assert_eq!((&report["diagnostics"][0]["line"], &report["diagnostics"][0]["text"]), (&5.into(), &"\"test.fram\"".into()));
+    let fine = Shot::new(FINE);
+    let ran = cli(&["check", &fine.path("g.ron")]);
+    assert_eq!((ran.code, fine.plain(&ran.out).as_str(), ran.err.as_str()), (0, "g.ron: fine, 3 nodes, frames 1-8 at 24 fps\n", ""));
+    assert!(!Path::new(&fine.path("out")).exists());
+}
+
+#[test]
+fn a_file_that_is_not_there_is_an_error_of_the_graph() {
+    for command in ["run", "check", "graph"] {
+        let ran = cli(&[command, "/nowhere/g.ron"]);
+        assert_eq!(ran.code, 2, "{command}");
+        assert!(ran.err.contains("PB0100"), "{command}: {}", ran.err);
+    }
+}
+
+#[test]
+fn nodes_and_types_are_listed() {
+    let ran = cli(&["nodes"]);
+    assert_eq!(
+        ran.out,
+        "test\n  test.frame  The number of the frame.\n  test.gain   A number times a gain.\n  test.write  Writes a number to a file.\n"
+    );
+    let json: serde_json::Value = serde_json::from_str(&cli(&["nodes", "--format", "json"]).out).unwrap();
+    assert_eq!((json.as_array().map(Vec::len), &json[1]["inputs"][1]["unit"]), (Some(3), &"px".into()));
+    let types = cli(&["types"]).out;
+    assert!(types.lines().any(|l| l.starts_with("Curve ")), "{types}");
+}
+
+#[test]
+fn a_node_is_explained_from_its_struct() {
+    let expected = "\
+test.gain  (version 3; per frame: any frame by itself)
+
+A number times a gain. Fails from a frame on.
+
+The gain is held where it is one value.
+
+Inputs
+  a: Curve; must be given
+      What is multiplied.
+      takes: a stream, read at the same frame, or one value, held
+      or a literal: a number
+
+  gain: number, or a Curve; in px; 0 to 10; default 1.0
+      The factor. 0 gives nought, 10 the most.
+      takes: a stream, read at the same frame, or one value, held
+
+  fails: whole number; default 100
+      First frame at which it fails.
+
+Outputs
+  value: Curve; one value a frame if any of its inputs is a stream
+      The number.
+
+Source
+  Euclid, Elements VII, definition 15
+
+Example
+  \"g\": (type: \"test.gain\", a: \"@f\", gain: 2.0)
+";
+    assert_eq!(cli(&["explain", "test.gain"]).out, expected);
+}
+
+#[test]
+fn types_and_codes_are_explained_and_near_misses_are_named() {
+    let curve = cli(&["explain", "Curve"]).out;
+    assert!(curve.contains("value: f64 []") && curve.contains("Made by\n  test.frame, test.gain"), "{curve}");
+    let code = cli(&["explain", "pb0142"]).out;
+    assert!(code.starts_with("PB0142: a wire between two types\n") && code.contains("\nMended\n"), "{code}");
+    let wrong = cli(&["explain", "test.gian"]);
+    assert_eq!((wrong.code, wrong.out.as_str()), (2, ""));
+    assert!(wrong.err.contains("did you mean `test.gain`?"), "{}", wrong.err);
+}
+
+#[test]
+fn every_code_of_the_engine_is_explained_once() {
+    let sources =
+        [include_str!("../engine/src/check/mod.rs"), include_str!("../engine/src/syntax/mod.rs"), include_str!("../engine/src/job.rs")];
+    let used: BTreeSet<&str> = sources.iter().flat_map(|s| s.match_indices("= \"PB").filter_map(|(at, _)| s.get(at + 3..at + 9))).collect();
+    let explained: Vec<&str> = CODES.iter().map(|c| c.code).collect();
+    assert_eq!(explained, used.into_iter().collect::<Vec<_>>());
+}
+
+#[test]
+fn a_graph_is_drawn() {
+    let shot = Shot::new(FINE);
+    let svg = cli(&["graph", &shot.path("g.ron"), "--format", "svg"]);
+    assert_eq!((svg.code, svg.out.starts_with("<svg "), svg.out.contains("test.gain")), (0, true, true));
+    assert!(cli(&["graph", &shot.path("g.ron"), "--format", "dot"]).out.starts_with("digraph pegbar {"));
+}
+
+#[test]
+fn help_and_completions_are_results() {
+    for args in [&["--help"][..], &["run", "--help"], &["completions", "bash"], &["--version"]] {
+        let ran = cli(args);
+        assert_eq!((ran.code, ran.err.as_str()), (0, ""), "{args:?}");
+        assert!(ran.out.contains("pegbar"), "{args:?}");
+    }
+    let wrong = cli(&["rum"]);
+    assert_eq!((wrong.code, wrong.out.as_str()), (2, ""));
+    assert!(wrong.err.contains("run"), "{}", wrong.err);
+}
+
+#[test]
+fn units_are_for_people() {
+    use crate::summary::{bytes, duration};
+    use std::time::Duration;
+    let shown = [12, 1_234, 12_345, 999_600, 12_345_678, 59_960_000, 3_600_000_000].map(|us| duration(Duration::from_micros(us)));
+    assert_eq!(shown, ["12 us", "1.23 ms", "12.3 ms", "1.00 s", "12.3 s", "1 min 00 s", "1 h 00 min"]);
+    assert_eq!([0, 999, 1_000, 1_500_000, 123_456_789_000].map(bytes), ["0 B", "999 B", "1.0 kB", "1.5 MB", "123 GB"]);
+}
