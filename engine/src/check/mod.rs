@@ -78,6 +78,41 @@ pub mod code {
     pub const NO_FRAME_NUMBER: &str = "PB0164";
     /// Settings that do not go together.
     pub const SETTINGS: &str = "PB0170";
+
+    /// All of them.
+    pub const ALL: [&str; 31] = [
+        UNREADABLE,
+        UNKNOWN_FIELD,
+        FORMAT_VERSION,
+        FORM,
+        FRAMES,
+        MISSING_FIELD,
+        DUPLICATE,
+        BAD_NAME,
+        UNKNOWN_TYPE,
+        UNKNOWN_INPUT,
+        MISSING_INPUT,
+        GRAPH_RECURSION,
+        BAD_LITERAL,
+        OUT_OF_RANGE,
+        UNKNOWN_VALUE_TYPE,
+        UNKNOWN_NODE,
+        UNKNOWN_OUTPUT,
+        TYPE_MISMATCH,
+        RATE_MISMATCH,
+        CLOCK_MISMATCH,
+        CYCLE,
+        UNKNOWN_CLOCK,
+        UNDEFINED_VARIABLE,
+        UNUSED_PARAMETER,
+        UNKNOWN_OVERRIDE,
+        MISSING_FILE,
+        FRAME_HOLES,
+        OUTSIDE_OUTPUT,
+        WRITTEN_TWICE,
+        NO_FRAME_NUMBER,
+        SETTINGS,
+    ];
 }
 
 /// What the caller sets from outside.
