@@ -183,6 +183,8 @@ struct Checker<'a> {
     broken_clocks: BTreeSet<String>,
     /// Nodes that need `frames` in a graph that has none.
     frameless: Vec<(String, At)>,
+    /// Variables that nothing defines.
+    undefined: BTreeSet<String>,
     /// Variables that are being replaced, outermost first.
     expanding: Vec<(usize, String)>,
     /// Variables replaced for one input so far.
@@ -237,6 +239,7 @@ impl<'a> Checker<'a> {
             torn: Vec::new(),
             broken_clocks: BTreeSet::new(),
             frameless: Vec::new(),
+            undefined: BTreeSet::new(),
             expanding: Vec::new(),
             lookups: 0,
         }

@@ -106,6 +106,8 @@ impl Checker<'_> {
                 unused.insert((param.at.file, param.at.span), (name.clone(), param.at));
             }
         }
+        // A misspelt variable was said, with what was meant.
+        unused.retain(|_, (name, _)| !self.undefined.iter().any(|word| resembles(word, name)));
         for (name, at) in unused.into_values() {
             let message = format!("parameter `{name}` is never read");
             let found = Diagnostic::warning(code::UNUSED_PARAMETER, message, crate::diag::Label::new(at.file, at.span));

@@ -67,7 +67,7 @@ impl Checker<'_> {
     pub(super) fn infer(&mut self, node: usize, typed: &mut [Typed]) {
         let Some(schema) = self.nodes[node].ty.as_ref().map(|t| t.schema.clone()) else { return };
         let named = self.named_clock(node, &schema, &typed[node]);
-        self.wire_types(node, &schema, typed);
+        let mismatched = self.wire_types(node, &schema, typed);
         let doubtful = typed[node].doubtful
             || matches!(named, Named::Unknown)
             || typed[node].wires.iter().any(|(i, p, _)| typed[p.node].doubtful && !schema.inputs[*i].any_clock);
@@ -81,6 +81,8 @@ impl Checker<'_> {
                 continue;
             }
             match (input.access, schema.kind) {
+                // A wire of the wrong type is wrong at any rate.
+                (Access::Constant, _) | (Access::Frame | Access::Frames, Kind::Whole) if mismatched.contains(&(i, port)) => {}
                 (Access::Constant, _) | (Access::Frame | Access::Frames, Kind::Whole) => self.rate_mismatch(input, port, at),
                 (Access::Sequence, _) => {}
                 _ => per_frame = true,
@@ -162,7 +164,9 @@ impl Checker<'_> {
         Named::Unknown
     }
 
-    fn wire_types(&mut self, node: usize, schema: &NodeSchema, typed: &[Typed]) {
+    /// Says which wires are of another type than their inputs; those.
+    fn wire_types(&mut self, node: usize, schema: &NodeSchema, typed: &[Typed]) -> Vec<(usize, Port)> {
+        let mut mismatched = Vec::new();
         for (i, port, at) in &typed[node].wires {
             let input = &schema.inputs[*i];
             let Some(found) = typed[port.node].types.get(port.output).filter(|t| !t.is_empty()) else { continue };
@@ -183,7 +187,9 @@ impl Checker<'_> {
             let note = source.at.note(format!("`{}.{output}` is {}", source.name, with_article(found)));
             let found = at.error(code::TYPE_MISMATCH, message).expected(describe_input(input)).found(found.clone());
             self.push(found.with_label(note));
+            mismatched.push((*i, *port));
         }
+        mismatched
     }
 
     fn rate_mismatch(&mut self, input: &InputSchema, port: Port, at: At) {

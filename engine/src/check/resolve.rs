@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use crate::diag::Span;
 use crate::graph::Port;
 use crate::syntax::{NodeKind, NodeRef, Tree};
 
@@ -112,8 +113,10 @@ impl Checker<'_> {
             }
             return param.value.clone();
         }
+        self.undefined.insert(name.to_owned());
         let known: Vec<String> = self.scopes[given.scope].params.keys().cloned().chain(["out".to_owned()]).collect();
-        let found = given.at.error(code::UNDEFINED_VARIABLE, format!("expected a parameter of the graph, found `${name}`"));
+        let found =
+            self.variable_at(given, name).error(code::UNDEFINED_VARIABLE, format!("expected a parameter of the graph, found `${name}`"));
         let help = "parameters are declared under `params`; a plain dollar sign is `$$`";
         self.push(found.did_you_mean(name, known.iter().map(String::as_str)).help(help));
         None
@@ -164,7 +167,7 @@ impl Checker<'_> {
             let text = string.as_str()?.into_value().into_owned();
             out.text.push_str(&given.text[from..span.start]);
             let at = self.inner(given, string);
-            let here = Given { at, ..given.clone() };
+            let here = Given { at, text: string.text().to_owned(), ..given.clone() };
             match whole_variable(&text) {
                 Some(name) => out.text.push_str(&self.whole(&here, name)?),
                 None => {
@@ -246,6 +249,17 @@ impl Checker<'_> {
                 Some((text, base.unwrap_or_else(|| value.base.clone())))
             }
             None => Some((value.text.trim().to_owned(), value.base.clone())),
+        }
+    }
+
+    /// The place of `$name` in what is given; the whole where that cannot be told.
+    fn variable_at(&self, given: &Given, name: &str) -> At {
+        let variable = format!("${name}");
+        match given.text.find(&variable) {
+            Some(start) if self.is_verbatim(given.at, &given.text) => {
+                At { span: Span::new(start, start + variable.len()).shifted(given.at.span.start), ..given.at }
+            }
+            _ => given.at,
         }
     }
 
