@@ -23,7 +23,9 @@ pub(crate) fn sockets(node: &GraphNode) -> Vec<Socket> {
     for (binding, schema) in node.inputs.iter().zip(&node.ty.schema.inputs) {
         match binding {
             Binding::Wire(port) => sockets.push(Socket { name: schema.name.to_owned(), port: *port }),
-            Binding::List(ports) => sockets.extend(ports.iter().enumerate().map(|(i, p)| Socket { name: format!("{}[{i}]", schema.name), port: *p })),
+            Binding::List(ports) => {
+                sockets.extend(ports.iter().enumerate().map(|(i, p)| Socket { name: format!("{}[{i}]", schema.name), port: *p }))
+            }
             _ => {}
         }
     }
@@ -97,7 +99,9 @@ fn colour(kind: Kind) -> &'static str {
 
 /// The graph as source for Graphviz, sub-graphs as clusters. O(nodes + wires).
 pub fn dot(graph: &Graph) -> String {
-    let mut out = String::from("digraph pegbar {\n  rankdir=LR;\n  node [shape=plain, fontname=\"Helvetica\", fontsize=11];\n  edge [fontname=\"Helvetica\", fontsize=9];\n");
+    let mut out = String::from(
+        "digraph pegbar {\n  rankdir=LR;\n  node [shape=plain, fontname=\"Helvetica\", fontsize=11];\n  edge [fontname=\"Helvetica\", fontsize=9];\n",
+    );
     dot_folder(graph, "", &folders(graph), &mut out);
     for (i, node) in graph.nodes.iter().enumerate() {
         for (row, socket) in sockets(node).iter().enumerate() {
@@ -115,9 +119,15 @@ fn dot_folder(graph: &Graph, own: &str, all: &[String], out: &mut String) {
         dot_node(i, node, out);
     }
     let prefix = if own.is_empty() { String::new() } else { format!("{own}/") };
-    for inner in all.iter().filter(|f| f.strip_prefix(&prefix).is_some_and(|rest| !rest.is_empty() && !rest.contains('/')) && f.as_str() != own) {
+    for inner in
+        all.iter().filter(|f| f.strip_prefix(&prefix).is_some_and(|rest| !rest.is_empty() && !rest.contains('/')) && f.as_str() != own)
+    {
         let id = all.iter().position(|f| f == inner).unwrap_or(0);
-        let _ = writeln!(out, "  subgraph cluster_{id} {{\n  label=\"{}\"; style=rounded; fontname=\"Helvetica\";", escape(inner).replace('\\', "\\\\"));
+        let _ = writeln!(
+            out,
+            "  subgraph cluster_{id} {{\n  label=\"{}\"; style=rounded; fontname=\"Helvetica\";",
+            escape(inner).replace('\\', "\\\\")
+        );
         dot_folder(graph, inner, all, out);
         out.push_str("  }\n");
     }
@@ -125,11 +135,17 @@ fn dot_folder(graph: &Graph, own: &str, all: &[String], out: &mut String) {
 
 fn dot_node(i: usize, node: &GraphNode, out: &mut String) {
     let (sockets, outputs) = (sockets(node), &node.ty.schema.outputs);
-    let _ = write!(out, "  n{i} [label=<<TABLE BORDER=\"1\" CELLBORDER=\"0\" CELLSPACING=\"0\" STYLE=\"ROUNDED\" BGCOLOR=\"{}\">", colour(node.ty.schema.kind));
+    let _ = write!(
+        out,
+        "  n{i} [label=<<TABLE BORDER=\"1\" CELLBORDER=\"0\" CELLSPACING=\"0\" STYLE=\"ROUNDED\" BGCOLOR=\"{}\">",
+        colour(node.ty.schema.kind)
+    );
     let _ = write!(out, "<TR><TD COLSPAN=\"2\"><B>{}</B><BR/>{}</TD></TR>", escape(short_name(node)), escape(node.ty.schema.id));
     for row in 0..sockets.len().max(outputs.len()) {
-        let left = sockets.get(row).map_or("<TD></TD>".to_owned(), |s| format!("<TD PORT=\"i{row}\" ALIGN=\"LEFT\">{}</TD>", escape(&s.name)));
-        let right = outputs.get(row).map_or("<TD></TD>".to_owned(), |o| format!("<TD PORT=\"o{row}\" ALIGN=\"RIGHT\">{}</TD>", escape(o.name)));
+        let left =
+            sockets.get(row).map_or("<TD></TD>".to_owned(), |s| format!("<TD PORT=\"i{row}\" ALIGN=\"LEFT\">{}</TD>", escape(&s.name)));
+        let right =
+            outputs.get(row).map_or("<TD></TD>".to_owned(), |o| format!("<TD PORT=\"o{row}\" ALIGN=\"RIGHT\">{}</TD>", escape(o.name)));
         let _ = write!(out, "<TR>{left}{right}</TR>");
     }
     out.push_str("</TABLE>>];\n");
@@ -149,8 +165,17 @@ pub fn svg(graph: &Graph) -> String {
     );
     for cluster in &layout.clusters {
         let [x, y, w, h] = cluster.rect;
-        let _ = writeln!(out, "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"10\" fill=\"#f4f4f2\" fill-opacity=\"0.7\" stroke=\"#b9b9b3\" stroke-dasharray=\"5 3\"/>");
-        let _ = writeln!(out, "<text x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\" fill=\"#77776f\">{}</text>", x + 10.0, y + 14.0, escape(&cluster.name));
+        let _ = writeln!(
+            out,
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"10\" fill=\"#f4f4f2\" fill-opacity=\"0.7\" stroke=\"#b9b9b3\" stroke-dasharray=\"5 3\"/>"
+        );
+        let _ = writeln!(
+            out,
+            "<text x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\" fill=\"#77776f\">{}</text>",
+            x + 10.0,
+            y + 14.0,
+            escape(&cluster.name)
+        );
     }
     for (i, node) in graph.nodes.iter().enumerate() {
         for (row, socket) in sockets(node).iter().enumerate() {
@@ -203,18 +228,41 @@ fn svg_node(layout: &Layout, i: usize, node: &GraphNode, out: &mut String) {
     let mut title = vec![format!("{} ({})", node.name, node.ty.schema.id)];
     title.extend(literals(node));
     let _ = writeln!(out, "<g><title>{}</title>", title.iter().map(|t| escape(t)).collect::<Vec<_>>().join("\n"));
-    let _ = writeln!(out, "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"7\" fill=\"{fill}\" stroke=\"#55606b\"/>");
+    let _ =
+        writeln!(out, "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"7\" fill=\"{fill}\" stroke=\"#55606b\"/>");
     let middle = x + w / 2.0;
-    let _ = writeln!(out, "<text x=\"{middle:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-weight=\"bold\" font-size=\"12\">{}</text>", y + 16.0, escape(short_name(node)));
-    let _ = writeln!(out, "<text x=\"{middle:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"10\" fill=\"#55606b\">{}</text>", y + 30.0, escape(node.ty.schema.id));
+    let _ = writeln!(
+        out,
+        "<text x=\"{middle:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-weight=\"bold\" font-size=\"12\">{}</text>",
+        y + 16.0,
+        escape(short_name(node))
+    );
+    let _ = writeln!(
+        out,
+        "<text x=\"{middle:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"10\" fill=\"#55606b\">{}</text>",
+        y + 30.0,
+        escape(node.ty.schema.id)
+    );
     let row_y = |row: usize| y + HEADER + (row as f64 + 0.5) * ROW;
     for (row, socket) in sockets(node).iter().enumerate() {
         let cy = row_y(row);
-        let _ = writeln!(out, "<circle cx=\"{x:.1}\" cy=\"{cy:.1}\" r=\"3\" fill=\"#55606b\"/><text x=\"{:.1}\" y=\"{:.1}\">{}</text>", x + 8.0, cy + 4.0, escape(&socket.name));
+        let _ = writeln!(
+            out,
+            "<circle cx=\"{x:.1}\" cy=\"{cy:.1}\" r=\"3\" fill=\"#55606b\"/><text x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+            x + 8.0,
+            cy + 4.0,
+            escape(&socket.name)
+        );
     }
     for (row, output) in node.ty.schema.outputs.iter().enumerate() {
         let (cx, cy) = (x + w, row_y(row));
-        let _ = writeln!(out, "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"3\" fill=\"#55606b\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>", cx - 8.0, cy + 4.0, escape(output.name));
+        let _ = writeln!(
+            out,
+            "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"3\" fill=\"#55606b\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
+            cx - 8.0,
+            cy + 4.0,
+            escape(output.name)
+        );
     }
     out.push_str("</g>\n");
 }

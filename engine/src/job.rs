@@ -93,7 +93,8 @@ impl Job {
     /// # Errors
     /// Where there is nothing to make, the target is not in the graph, or a frame is not on its clock.
     pub fn new(graph: &Graph, request: &Request) -> Result<Self, Diagnostic> {
-        let mut job = Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: request.out.clone() };
+        let mut job =
+            Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: request.out.clone() };
         let nodes = match &request.only {
             Some(name) => job.choose(name)?,
             None => job.sinks()?,
@@ -213,7 +214,12 @@ impl Job {
         for failure in failures.iter().filter(|f| !f.error.cancelled) {
             groups.entry((failure.node, failure.error.message.as_str())).or_default().push(failure);
         }
-        groups.into_iter().filter_map(|((node, _), group)| Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))).collect()
+        groups
+            .into_iter()
+            .filter_map(|((node, _), group)| {
+                Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))
+            })
+            .collect()
     }
 
     fn failed(&self, node: usize, mut frames: Vec<i64>, error: &NodeError, inputs: &[String]) -> Diagnostic {
@@ -286,7 +292,9 @@ fn is_whole(path: &Path) -> bool {
 fn written_paths(graph: &Graph, node: usize) -> Vec<OutputPath> {
     let spec = &graph.nodes[node];
     let pairs = spec.inputs.iter().zip(&spec.ty.schema.inputs).filter(|(_, s)| s.files == FileUse::Write);
-    let path = |value: &Arc<dyn std::any::Any + Send + Sync>| value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten());
+    let path = |value: &Arc<dyn std::any::Any + Send + Sync>| {
+        value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten())
+    };
     pairs.filter_map(|(binding, _)| if let Binding::Literal { value, .. } = binding { path(value) } else { None }).collect()
 }
 

@@ -1,8 +1,8 @@
 //! What is written at each input, held against what the node type says of it; and what comes of it all: a graph.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::clock::Clock;

@@ -114,7 +114,8 @@ fn node_size(graph: &Graph, node: usize) -> [f64; 2] {
     let spec = &graph.nodes[node];
     let (sockets, outputs) = (sockets(spec), &spec.ty.schema.outputs);
     let rows = sockets.len().max(outputs.len());
-    let row_width = |r: usize| text_width(sockets.get(r).map_or("", |s| &s.name)) + text_width(outputs.get(r).map_or("", |o| o.name)) + 34.0;
+    let row_width =
+        |r: usize| text_width(sockets.get(r).map_or("", |s| &s.name)) + text_width(outputs.get(r).map_or("", |o| o.name)) + 34.0;
     let title = (text_width(short_name(spec)) * 1.15).max(text_width(spec.ty.schema.id)) + 20.0;
     let width = (0..rows).map(row_width).fold(title.max(90.0), f64::max);
     [width, HEADER + rows as f64 * ROW + 6.0]
@@ -148,7 +149,9 @@ fn link(items: &mut [Item], left: usize, right: usize) {
 /// Orders each layer by the mean position of its neighbours, from left to right and back in turns; lanes stay together.
 fn order(columns: &mut [Vec<usize>], items: &[Item]) {
     let mut position = vec![0.0; items.len()];
-    let renumber = |column: &[usize], position: &mut [f64]| column.iter().enumerate().for_each(|(k, &i)| position[i] = k as f64 / column.len().max(1) as f64);
+    let renumber = |column: &[usize], position: &mut [f64]| {
+        column.iter().enumerate().for_each(|(k, &i)| position[i] = k as f64 / column.len().max(1) as f64)
+    };
     for column in columns.iter_mut() {
         column.sort_by_key(|&i| (items[i].lane, i));
         renumber(column, &mut position);
@@ -158,8 +161,11 @@ fn order(columns: &mut [Vec<usize>], items: &[Item]) {
         let n = columns.len();
         for k in 0..n {
             let column = &mut columns[if forward { k } else { n - 1 - k }];
-            let wanted: BTreeMap<usize, f64> = column.iter().map(|&i| (i, barycentre(&items[i], forward, &position).unwrap_or(position[i]))).collect();
-            column.sort_by(|a, b| items[*a].lane.cmp(&items[*b].lane).then(wanted[a].total_cmp(&wanted[b])).then(position[*a].total_cmp(&position[*b])));
+            let wanted: BTreeMap<usize, f64> =
+                column.iter().map(|&i| (i, barycentre(&items[i], forward, &position).unwrap_or(position[i]))).collect();
+            column.sort_by(|a, b| {
+                items[*a].lane.cmp(&items[*b].lane).then(wanted[a].total_cmp(&wanted[b])).then(position[*a].total_cmp(&position[*b]))
+            });
             renumber(column, &mut position);
         }
     }
@@ -236,7 +242,8 @@ fn cluster(graph: &Graph, nodes: &[[f64; 4]], name: String) -> Option<Cluster> {
     let depth = name.matches('/').count() as f64;
     let inside = |n: &str| n == name || n.strip_prefix(name.as_str()).is_some_and(|rest| rest.starts_with('/'));
     let rects = graph.nodes.iter().zip(nodes).filter(|(n, _)| inside(folder(n))).map(|(_, r)| *r);
-    let [left, top, right, bottom] = rects.map(|[x, y, w, h]| [x, y, x + w, y + h]).reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])?;
+    let [left, top, right, bottom] =
+        rects.map(|[x, y, w, h]| [x, y, x + w, y + h]).reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])?;
     let pad = (12.0 - 3.0 * depth).max(4.0);
     Some(Cluster { name, rect: [left - pad, top - pad - 10.0, right - left + 2.0 * pad, bottom - top + 2.0 * pad + 10.0] })
 }

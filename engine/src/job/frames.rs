@@ -181,7 +181,10 @@ mod tests {
         assert_eq!(on("4-1", 1, 9).unwrap_err(), "expected a range that goes up, found `4-1`");
         assert_eq!(on("1-4x0", 1, 9).unwrap_err(), "expected a step of at least 1, found `1-4x0`");
         assert_eq!(on("3-12", 1, 9).unwrap_err(), "expected frames from 1 to 9 on clock `frames`, found 3-12");
-        assert_eq!(on("1-9223372036854775807", 1, 9).unwrap_err(), "expected frames from 1 to 9 on clock `frames`, found 1-9223372036854775807");
+        assert_eq!(
+            on("1-9223372036854775807", 1, 9).unwrap_err(),
+            "expected frames from 1 to 9 on clock `frames`, found 1-9223372036854775807"
+        );
     }
 
     proptest! {

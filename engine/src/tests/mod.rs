@@ -2,5 +2,6 @@
 
 mod check;
 mod check_nodes;
+mod keys;
 mod nodes;
 mod run;
