@@ -3,5 +3,5 @@
 mod check;
 mod check_nodes;
 mod keys;
-mod nodes;
+pub(crate) mod nodes;
 mod run;

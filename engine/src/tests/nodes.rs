@@ -210,7 +210,7 @@ impl PerFrame for Sink {
     }
 }
 
-pub(super) fn registry() -> Registry {
+pub(crate) fn registry() -> Registry {
     Registry::new()
         .per_frame::<FrameNumber>()
         .per_frame::<Add>()
