@@ -360,7 +360,7 @@ impl Checker<'_> {
         for (key, value) in self.options.overrides.clone() {
             let Some((target, input)) = key.rsplit_once('.') else { continue };
             if target == node {
-                let text = self.from_command_line(&format!("--set {key}="), &value, false);
+                let text = self.command_line(&format!("--set {key}="), &value, false);
                 let span = text.at.span;
                 given.insert(input.to_owned(), (Given { scope, ..text }, span));
                 self.used.insert(key);

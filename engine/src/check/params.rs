@@ -29,7 +29,7 @@ impl Checker<'_> {
     pub(super) fn set_variables(&mut self, scope: usize) {
         for (name, value) in self.options.variables.clone() {
             let Some(ty) = self.scopes[scope].params.get(&name).map(|p| p.ty.clone()) else { continue };
-            let given = self.from_command_line(&format!("--var {name}="), &value, matches!(ty.as_str(), "path" | "text"));
+            let given = self.command_line(&format!("--var {name}="), &value, matches!(ty.as_str(), "path" | "text"));
             if let Some(param) = self.scopes[scope].params.get_mut(&name) {
                 param.value = Some(Given { scope, ..given });
                 param.broken = false;
@@ -39,7 +39,7 @@ impl Checker<'_> {
     }
 
     /// A source of its own for something that was given from outside, so that messages can point at it. What is no RON is a text.
-    pub(super) fn from_command_line(&mut self, before: &str, value: &str, is_text: bool) -> Given {
+    pub(super) fn command_line(&mut self, before: &str, value: &str, is_text: bool) -> Given {
         let is_literal = if is_text { String::parse(value).is_ok() } else { parse_slice::<ron::Value>(value, Extensions::empty()).is_ok() };
         let value = if is_literal { value.to_owned() } else { ron::to_string(value).unwrap_or_default() };
         let file = self.sources.add("command line", format!("{before}{value}"));

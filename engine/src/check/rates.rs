@@ -91,10 +91,8 @@ impl Checker<'_> {
                 continue;
             }
             match (&clock, typed[port.node].clock.clone()) {
-                (Some(own), Some(other)) if **own != *other && input.access != Access::Sequence => {
-                    if !doubtful && !typed[port.node].doubtful {
-                        self.clock_mismatch(input, own, &other, port, at);
-                    }
+                (Some(own), Some(other)) if **own != *other && input.access != Access::Sequence && !doubtful => {
+                    self.clock_mismatch(input, own, &other, port, at);
                 }
                 (None, other) => clock = other,
                 _ => {}

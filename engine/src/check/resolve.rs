@@ -217,9 +217,9 @@ impl Checker<'_> {
             out.push_str(&rest[..dollar]);
             let after = &rest[dollar + 1..];
             let n = after.bytes().take_while(|b| b.is_ascii_alphanumeric() || *b == b'_').count();
-            if after.starts_with('$') {
+            if let Some(after) = after.strip_prefix('$') {
                 out.push('$');
-                rest = &after[1..];
+                rest = after;
                 continue;
             }
             if n == 0 {

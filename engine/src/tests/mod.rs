@@ -4,4 +4,5 @@ mod check;
 mod check_nodes;
 mod keys;
 pub(crate) mod nodes;
+mod random;
 mod run;
