@@ -330,13 +330,16 @@ impl SourceMap {
 
     /// The diagnostic in the form that becomes JSON.
     pub fn to_json(&self, diagnostic: &Diagnostic) -> JsonDiagnostic {
+        // Messages without fields of their own say it in words: "expected X, found Y".
+        let in_words = diagnostic.message.split_once("expected ").and_then(|(_, rest)| rest.split_once(", found "));
+        let (expected, found) = in_words.unzip();
         JsonDiagnostic {
             code: diagnostic.code,
             severity: diagnostic.severity,
             message: diagnostic.message.clone(),
             place: diagnostic.primary().map(|label| self.json_place(label)),
-            expected: diagnostic.expected.clone(),
-            found: diagnostic.found.clone(),
+            expected: diagnostic.expected.clone().or_else(|| expected.map(str::to_owned)),
+            found: diagnostic.found.clone().or_else(|| found.map(str::to_owned)),
             help: diagnostic.help.clone(),
             related: diagnostic.labels.iter().filter(|label| !label.primary).map(|label| self.json_place(label)).collect(),
         }

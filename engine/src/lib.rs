@@ -11,6 +11,7 @@ pub mod draw;
 pub mod exec;
 pub mod graph;
 pub mod job;
+pub mod key;
 pub mod node;
 pub mod npz;
 pub mod plan;

@@ -273,7 +273,8 @@ impl Planner<'_> {
             for (slot, frames) in asked.frames.iter_mut().zip(needs.frames) {
                 slot[task] = frames;
             }
-            if let Some(previous) = needs.previous {
+            // Over a value that does not change it runs once, and so has no frame before.
+            if let Some(previous) = needs.previous.filter(|_| !spec.runs_once()) {
                 let k = spec.clock.index(previous).ok_or_else(|| outside(node, previous, "asked for the state of", &spec.clock))?;
                 asked.previous[task] = Some(k as u32);
                 if !self.nodes[node].wanted[k] {

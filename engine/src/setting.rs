@@ -450,7 +450,7 @@ impl OutputPath {
 }
 
 /// `path` with `.` and `..` followed in words alone, as the file need not be there.
-fn normalise(path: &Path) -> PathBuf {
+pub(crate) fn normalise(path: &Path) -> PathBuf {
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let mut out = PathBuf::new();
     for part in absolute.components() {

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crate::diag::Diagnostic;
 use crate::graph::Binding;
-use crate::node::{InputSchema, Literal};
-use crate::setting::{FileUse, InputPath, Missing, OutputPath};
+use crate::node::{Kind, Literal};
+use crate::setting::{FileUse, InputPath, Missing, OutputPath, normalise};
 
 use super::typing::Typed;
 use super::{At, Checker, code};
@@ -16,84 +16,121 @@ impl Checker<'_> {
         let mut written: BTreeMap<PathBuf, At> = BTreeMap::new();
         for node in 0..typed.len() {
             let Some(ty) = self.nodes[node].ty.clone() else { continue };
-            let missing = missing_policy(&ty.schema.inputs, &typed[node].bindings);
+            let missing = missing_policy(&typed[node].bindings);
             for (i, input) in ty.schema.inputs.iter().enumerate() {
                 let (Some(Binding::Literal { value, .. }), Some(at)) = (typed[node].bindings.get(i), typed[node].places.get(i)) else {
                     continue;
                 };
                 match input.files {
                     FileUse::None => {}
-                    FileUse::Read => self.check_read(value, *at, missing, typed, node),
+                    FileUse::Read => self.check_read(value, *at, missing, &typed[node]),
                     FileUse::Write => self.check_written(value, *at, typed, node, &mut written),
                 }
             }
         }
     }
 
-    fn check_read(&mut self, value: &Literal, at: At, missing: Missing, typed: &[Typed], node: usize) {
+    fn check_read(&mut self, value: &Literal, at: At, missing: Option<Missing>, typed: &Typed) {
         let path = value.downcast_ref::<InputPath>().cloned().or_else(|| value.downcast_ref::<Option<InputPath>>().cloned().flatten());
         let Some(path) = path else { return };
         if !path.is_sequence() {
-            let file = path.at(0);
-            if !file.is_file() {
-                let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                let near = neighbours(&file);
-                let found = Diagnostic::error(code::MISSING_FILE, format!("expected a file at {}, found none", file.display()), at.label());
-                self.push(found.did_you_mean(&name, near.iter().map(String::as_str)));
-            }
+            self.check_file(&path.at(0), at);
             return;
         }
         let present = path.frames().unwrap_or_default();
-        let Some(clock) = typed[node].clock() else { return };
-        let wanted: Vec<i64> = match missing {
+        if present.is_empty() {
+            self.no_frame_files(&path, at);
+            return;
+        }
+        let Some(clock) = typed.clock().filter(|_| !typed.doubtful) else { return };
+        let absent: Vec<i64> = match missing.unwrap_or_default() {
             Missing::Error => clock.frames().filter(|f| present.binary_search(f).is_err()).collect(),
             Missing::Hold => clock.frames().take_while(|f| present.first().is_none_or(|p| p > f)).collect(),
-            Missing::Nearest => clock.frames().take_while(|_| present.is_empty()).collect(),
+            Missing::Nearest => Vec::new(),
         };
-        if present.is_empty() {
-            self.error(code::MISSING_FILE, at, format!("expected files as {}, found none", path.pattern()));
-        } else if !wanted.is_empty() {
-            let message = format!("expected frames {} to {} of {}, found no {}", clock.first, clock.last, path.pattern(), ranges(&wanted));
-            let found = Diagnostic::error(code::FRAME_HOLES, message, at.label()).found(format!("frames {}", ranges(&present)));
-            self.push(found.help("change `frames`, or say what stands for a missing frame: `missing: hold` or `missing: nearest`"));
+        if absent.is_empty() {
+            return;
         }
+        let message = format!("expected frames {} to {} of {}, found no {}", clock.first, clock.last, path.pattern(), ranges(&absent));
+        let found = at.error(code::FRAME_HOLES, message).found(format!("frames {}", ranges(&present)));
+        self.push(found.help(match missing {
+            None => "change `frames` of the graph, or put the files there",
+            Some(Missing::Hold) => {
+                "nothing goes before the first file to be held: change `frames` of the graph, or write `missing: nearest`"
+            }
+            Some(_) => "change `frames` of the graph, or say what stands for a missing frame: `missing: hold` or `missing: nearest`",
+        }));
+    }
+
+    fn check_file(&mut self, file: &Path, at: At) {
+        if file.is_file() {
+            return;
+        }
+        let found = if file.is_dir() { "a folder" } else { "none" };
+        let found = at.error(code::MISSING_FILE, format!("expected a file at {}, found {found}", file.display()));
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let near = neighbours(file);
+        let found = found.did_you_mean(&name, near.iter().map(String::as_str));
+        self.push(with_missing_folder(found, file));
+    }
+
+    fn no_frame_files(&mut self, path: &InputPath, at: At) {
+        let found = at.error(code::MISSING_FILE, format!("expected files as {}, found none", path.pattern()));
+        self.push(with_missing_folder(found, &path.at(0)));
     }
 
     fn check_written(&mut self, value: &Literal, at: At, typed: &[Typed], node: usize, written: &mut BTreeMap<PathBuf, At>) {
         let path = value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten());
         let Some(path) = path else { return };
-        let first = typed[node].clock().map_or(0, |c| c.first);
+        let clock = typed[node].clock();
+        let first = clock.map_or(0, |c| c.first);
         if !path.is_inside() {
             let message = format!("expected a path inside the output folder {}, found {}", path.root().display(), path.at(first).display());
             self.error(code::OUTSIDE_OUTPUT, at, message).help.push("write `$out/...`, and choose the folder with --out".to_owned());
             return;
         }
-        if typed[node].has_stream_input(self, typed)
-            && !path.is_sequence()
-            && self.nodes[node].ty.as_ref().is_some_and(|t| t.schema.kind != crate::node::Kind::Whole)
-        {
-            let found =
-                self.error(code::NO_FRAME_NUMBER, at, format!("expected a frame number in the path, found {}", path.at(first).display()));
+        let runs_once = self.nodes[node].ty.as_ref().is_some_and(|t| t.schema.kind == Kind::Whole);
+        if !runs_once && !path.is_sequence() && typed[node].has_stream_input(self, typed) {
+            let message = format!("expected a frame number in the path, found {}", path.at(first).display());
+            let found = self.error(code::NO_FRAME_NUMBER, at, message);
             found.help.push("write #### where the frame number goes, so that each frame has a file of its own".to_owned());
             return;
         }
-        if let Some(other) = written.insert(path.at(first), at) {
-            let message = format!("expected a file of its own, found {} written twice", path.at(first).display());
-            self.push(Diagnostic::error(code::WRITTEN_TWICE, message, at.label()).with_label(other.note("written here too")));
+        // Of a very long clock both ends stand for all of it.
+        let frames: Vec<i64> = match clock {
+            Some(c) if path.is_sequence() && c.len() <= 10_000 => c.frames().collect(),
+            Some(c) if path.is_sequence() => vec![c.first, c.last],
+            _ => vec![first],
+        };
+        let files: Vec<PathBuf> = frames.into_iter().map(|f| normalise(&path.at(f))).collect();
+        if let Some((file, other)) = files.iter().find_map(|f| Some((f, *written.get(f)?))) {
+            let name = file.strip_prefix(normalise(path.root())).unwrap_or(file).display();
+            let found = at.error(code::WRITTEN_TWICE, format!("expected a file of its own, found {name} written twice"));
+            self.push(found.with_label(other.note("written here too")));
+            return;
         }
+        written.extend(files.into_iter().map(|f| (f, at)));
     }
 }
 
-fn missing_policy(inputs: &[InputSchema], bindings: &[Binding]) -> Missing {
-    let literal = |b: &Binding| match b {
+/// Says where the trouble is a folder that is not there.
+fn with_missing_folder(found: Diagnostic, file: &Path) -> Diagnostic {
+    match file.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
+        Some(folder) => found.help(format!("there is no folder {}", folder.display())),
+        None => found,
+    }
+}
+
+/// What a reader does at a frame that is not there; `None` where it has no say in it.
+fn missing_policy(bindings: &[Binding]) -> Option<Missing> {
+    bindings.iter().find_map(|b| match b {
         Binding::Literal { value, .. } => value.downcast_ref::<Missing>().copied(),
         _ => None,
-    };
-    inputs.iter().zip(bindings).find_map(|(_, b)| literal(b)).unwrap_or_default()
+    })
 }
 
 /// Names of the files beside one that is not there.
-fn neighbours(file: &Path) -> Vec<String> {
+pub(super) fn neighbours(file: &Path) -> Vec<String> {
     let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries.map(|e| e.file_name().to_string_lossy().into_owned()).collect();

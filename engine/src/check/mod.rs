@@ -5,9 +5,13 @@
 
 mod document;
 mod files;
+mod params;
+mod rates;
 mod resolve;
 mod typing;
+mod words;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::diag::{Diagnostic, FileId, Label, Severity, SourceMap, Span};
@@ -78,6 +82,41 @@ pub mod code {
     pub const NO_FRAME_NUMBER: &str = "PB0164";
     /// Settings that do not go together.
     pub const SETTINGS: &str = "PB0170";
+
+    /// All of them.
+    pub const ALL: [&str; 31] = [
+        UNREADABLE,
+        UNKNOWN_FIELD,
+        FORMAT_VERSION,
+        FORM,
+        FRAMES,
+        MISSING_FIELD,
+        DUPLICATE,
+        BAD_NAME,
+        UNKNOWN_TYPE,
+        UNKNOWN_INPUT,
+        MISSING_INPUT,
+        GRAPH_RECURSION,
+        BAD_LITERAL,
+        OUT_OF_RANGE,
+        UNKNOWN_VALUE_TYPE,
+        UNKNOWN_NODE,
+        UNKNOWN_OUTPUT,
+        TYPE_MISMATCH,
+        RATE_MISMATCH,
+        CLOCK_MISMATCH,
+        CYCLE,
+        UNKNOWN_CLOCK,
+        UNDEFINED_VARIABLE,
+        UNUSED_PARAMETER,
+        UNKNOWN_OVERRIDE,
+        MISSING_FILE,
+        FRAME_HOLES,
+        OUTSIDE_OUTPUT,
+        WRITTEN_TWICE,
+        NO_FRAME_NUMBER,
+        SETTINGS,
+    ];
 }
 
 /// What the caller sets from outside.
@@ -135,7 +174,21 @@ struct Checker<'a> {
     /// Nodes of all scopes, in the order in which they are written.
     nodes: Vec<document::NodeSource>,
     /// Overrides and variables that were used.
-    used: std::collections::BTreeSet<String>,
+    used: BTreeSet<String>,
+    /// Every graph file that was read: a graph that is used twice is one source.
+    files: BTreeMap<PathBuf, FileId>,
+    /// Where the text is no RON; what is wrong there or missing because of it is not said again.
+    torn: Vec<At>,
+    /// Clocks that are declared, but wrongly.
+    broken_clocks: BTreeSet<String>,
+    /// Nodes that need `frames` in a graph that has none.
+    frameless: Vec<(String, At)>,
+    /// Variables that nothing defines.
+    undefined: BTreeSet<String>,
+    /// Variables that are being replaced, outermost first.
+    expanding: Vec<(usize, String)>,
+    /// Variables replaced for one input so far.
+    lookups: usize,
 }
 
 /// A place in a file.
@@ -143,11 +196,28 @@ struct Checker<'a> {
 pub(crate) struct At {
     pub(crate) file: FileId,
     pub(crate) span: Span,
+    /// Where what is written here is used through a variable.
+    via: Option<(FileId, Span)>,
 }
 
 impl At {
-    fn label(self) -> Label {
-        Label::new(self.file, self.span)
+    fn new(file: FileId, span: Span) -> Self {
+        Self { file, span, via: None }
+    }
+
+    /// This place, for what is used at `at` through a variable; where variables are handed on, the place nearest to the node counts.
+    fn used_at(self, at: At) -> Self {
+        let via = at.via.unwrap_or((at.file, at.span));
+        Self { via: (via != (self.file, self.span)).then_some(via), ..self }
+    }
+
+    /// An error here.
+    fn error(self, code: &'static str, message: impl Into<String>) -> Diagnostic {
+        let error = Diagnostic::error(code, message, Label::new(self.file, self.span));
+        match self.via {
+            Some((file, span)) => error.with_label(Label::secondary(file, span, "used here")),
+            None => error,
+        }
     }
 
     fn note(self, text: impl Into<String>) -> Label {
@@ -164,25 +234,36 @@ impl<'a> Checker<'a> {
             diagnostics: Vec::new(),
             scopes: Vec::new(),
             nodes: Vec::new(),
-            used: std::collections::BTreeSet::new(),
+            used: BTreeSet::new(),
+            files: BTreeMap::new(),
+            torn: Vec::new(),
+            broken_clocks: BTreeSet::new(),
+            frameless: Vec::new(),
+            undefined: BTreeSet::new(),
+            expanding: Vec::new(),
+            lookups: 0,
         }
     }
 
     fn check(mut self, path: &Path, text: String) -> Loaded {
         let scope = self.read_main(path, text);
         let graph = scope.and_then(|s| self.resolve_all(s));
-        self.unused_overrides();
+        if scope.is_some() {
+            self.unused_overrides();
+        }
         self.finish(graph)
     }
 
     fn finish(mut self, graph: Option<Graph>) -> Loaded {
+        let torn = std::mem::take(&mut self.torn);
+        self.diagnostics.retain(|d| torn.is_empty() || !follows_from(d, &torn));
         crate::diag::sort(&mut self.diagnostics);
         let failed = self.diagnostics.iter().any(|d| d.severity == Severity::Error);
         Loaded { sources: self.sources, diagnostics: self.diagnostics, graph: graph.filter(|_| !failed) }
     }
 
     fn error(&mut self, code: &'static str, at: At, message: impl Into<String>) -> &mut Diagnostic {
-        self.diagnostics.push(Diagnostic::error(code, message, at.label()));
+        self.diagnostics.push(at.error(code, message));
         let last = self.diagnostics.len() - 1;
         &mut self.diagnostics[last]
     }
@@ -191,22 +272,29 @@ impl<'a> Checker<'a> {
         self.diagnostics.push(diagnostic);
     }
 
-    fn unused_overrides(&mut self) {
-        let given = self.options.overrides.iter().chain(&self.options.variables);
-        let unused: Vec<String> = given.map(|(k, _)| k.clone()).filter(|k| !self.used.contains(k)).collect();
-        for name in unused {
-            let is_override = self.options.overrides.iter().any(|(k, _)| *k == name);
-            let mut known: Vec<String> = Vec::new();
-            if is_override {
-                for node in &self.nodes {
-                    known.extend(node.ty.iter().flat_map(|t| t.schema.inputs.iter().map(|i| format!("{}.{}", node.name, i.name))));
-                }
-            } else {
-                known.extend(self.scopes.first().iter().flat_map(|s| s.params.keys().cloned()));
-            }
-            let what = if is_override { "expected an input as node.input" } else { "expected a parameter of the graph" };
-            let diagnostic = Diagnostic::new(Severity::Error, code::UNKNOWN_OVERRIDE, format!("{what}, found `{name}`"));
-            self.push(diagnostic.did_you_mean(&name, known.iter().map(String::as_str)));
-        }
+    /// True where `text` stands at `at` letter for letter, so that a part of it can be pointed at.
+    fn is_verbatim(&self, at: At, text: &str) -> bool {
+        self.sources.slice(at.file, at.span) == text
     }
+}
+
+/// Codes of what is missing: it may stand in the text that could not be read.
+const MISSING: [&str; 9] = [
+    code::MISSING_FIELD,
+    code::MISSING_INPUT,
+    code::UNKNOWN_NODE,
+    code::UNKNOWN_OUTPUT,
+    code::UNKNOWN_CLOCK,
+    code::UNDEFINED_VARIABLE,
+    code::UNUSED_PARAMETER,
+    code::UNKNOWN_OVERRIDE,
+    code::FRAMES,
+];
+
+/// True for a problem that is there only because some text could not be read.
+fn follows_from(diagnostic: &Diagnostic, torn: &[At]) -> bool {
+    let Some(label) = diagnostic.primary() else { return MISSING.contains(&diagnostic.code) };
+    let is_syntax = diagnostic.code < code::UNREADABLE;
+    let overlaps = |at: &At| at.file == label.file && at.span.start < label.span.end && label.span.start < at.span.end;
+    !is_syntax && (MISSING.contains(&diagnostic.code) || torn.iter().any(overlaps))
 }

@@ -1,4 +1,8 @@
 //! The engine with nodes of numbers: small enough that every result is known in closed form.
 
+mod check;
+mod check_nodes;
+mod keys;
 pub(crate) mod nodes;
+mod random;
 mod run;

@@ -13,7 +13,7 @@ use crate::{Node, Outputs};
 #[derive(Outputs)]
 pub(super) struct Number {
     /// It.
-    value: Curve,
+    pub(super) value: Curve,
 }
 
 fn number(value: f64) -> Result<Number, NodeError> {
@@ -139,7 +139,7 @@ impl Whole for Summarise {
 #[derive(Outputs)]
 pub(super) struct Same {
     /// It.
-    value: ValueRef,
+    pub(super) value: ValueRef,
 }
 
 /// Any stream at the frames that a map says.
