@@ -98,7 +98,7 @@ impl Drawing {
         if let Ok(mut canvas) = Canvas::new(&mut image, width, height) {
             let boiled = |p: Point| map(wander(p, 0.05, boil.0, boil.1));
             for mark in &self.marks {
-                draw_mark(&mut canvas, mark, scale, &boiled);
+                draw_mark(&mut canvas, mark, scale, boiled);
             }
             for line in std::iter::once(&self.outline).chain(&self.holes) {
                 let (points, widths) = self.outline_ink(line, scale, boil, &map);
