@@ -210,11 +210,11 @@ impl Job {
         Outcome { diagnostics, report, written, frames: self.frame_count(), wall: start.elapsed() }
     }
 
-    /// One diagnostic for each node and message, in the order of the graph.
+    /// One diagnostic for each node and message, in the order of the graph; messages that differ in the frame's number alone are one, told by its first.
     fn failures(&self, failures: &[Failure]) -> Vec<Diagnostic> {
-        let mut groups: BTreeMap<(usize, &str), Vec<&Failure>> = BTreeMap::new();
+        let mut groups: BTreeMap<(usize, String), Vec<&Failure>> = BTreeMap::new();
         for failure in failures.iter().filter(|f| !f.error.cancelled) {
-            groups.entry((failure.node, failure.error.message.as_str())).or_default().push(failure);
+            groups.entry((failure.node, without_frame(&failure.error.message, failure.frame))).or_default().push(failure);
         }
         groups
             .into_iter()
@@ -340,4 +340,19 @@ fn nothing_to_run(graph: &Graph) -> Diagnostic {
         Some(name) => found.help(format!("or write the values of a node as .npz with --only, such as --only {name}")),
         None => found,
     }
+}
+
+/// The message with the frame's number, however padded, left open.
+fn without_frame(message: &str, frame: Option<i64>) -> String {
+    let Some(frame) = frame else { return message.to_owned() };
+    let mut out = String::with_capacity(message.len());
+    let mut rest = message;
+    while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
+        let digits = rest[start..].bytes().take_while(u8::is_ascii_digit).count();
+        let (before, number) = (&rest[..start], &rest[start..start + digits]);
+        out.push_str(before);
+        out.push_str(if number.parse() == Ok(frame.unsigned_abs()) { "#" } else { number });
+        rest = &rest[start + digits..];
+    }
+    out + rest
 }

@@ -852,6 +852,11 @@ pub trait Whole: Node {
     /// Whatever keeps it from doing so.
     fn run(self, cx: &Context) -> Result<Self::Outputs, NodeError>;
 
+    /// The frames of a [`Frames`] input that are read; a [`Sequence`] is read whole.
+    fn reads(&self, _input: &str, cx: &Context) -> Vec<i64> {
+        vec![cx.frame]
+    }
+
     /// Settings that do not go together.
     fn check(&self) -> Vec<Problem> {
         Vec::new()
@@ -940,8 +945,9 @@ impl<N: Recurrent> Operator for RecurrentOperator<N> {
 }
 
 impl<N: Whole> Operator for WholeOperator<N> {
-    fn needs(&self, _args: Vec<Arg>, _inputs: &[&'static str], _cx: &Context) -> Result<Needs, NodeError> {
-        Ok(Needs::default())
+    fn needs(&self, args: Vec<Arg>, inputs: &[&'static str], cx: &Context) -> Result<Needs, NodeError> {
+        let node = N::build(args)?;
+        Ok(Needs { frames: inputs.iter().map(|i| node.reads(i, cx)).collect(), previous: None })
     }
     fn compute(&self, args: Vec<Arg>, _state: Option<ValueRef>, cx: &Context) -> Result<Computed, NodeError> {
         Ok(Computed { outputs: N::build(args)?.run(cx)?.into_values(), state: None })

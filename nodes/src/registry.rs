@@ -11,7 +11,7 @@ use crate::image::{
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::MatteColorClusters;
-use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimeResample};
+use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
 
 /// Every node type and value type that Pegbar comes with.
@@ -66,6 +66,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()
         .per_frame::<TimeOffset>()
+        .whole::<TimePick>()
         .per_frame::<TimeResample>()
         .recurrent::<TrackAffine>()
 }

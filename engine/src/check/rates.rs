@@ -82,8 +82,8 @@ impl Checker<'_> {
             }
             match (input.access, schema.kind) {
                 // A wire of the wrong type is wrong at any rate.
-                (Access::Constant, _) | (Access::Frame | Access::Frames, Kind::Whole) if mismatched.contains(&(i, port)) => {}
-                (Access::Constant, _) | (Access::Frame | Access::Frames, Kind::Whole) => self.rate_mismatch(input, port, at),
+                (Access::Constant, _) | (Access::Frame, Kind::Whole) if mismatched.contains(&(i, port)) => {}
+                (Access::Constant, _) | (Access::Frame, Kind::Whole) => self.rate_mismatch(input, port, at),
                 (Access::Sequence, _) => {}
                 _ => per_frame = true,
             }

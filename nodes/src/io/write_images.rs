@@ -14,6 +14,7 @@
 //! ```
 
 use std::path::Path;
+use std::sync::Arc;
 
 use pegbar_engine::node::{Context, Fault, In, NodeError, PerFrame, Problem};
 use pegbar_engine::setting::OutputPath;
@@ -195,7 +196,12 @@ impl PerFrame for IoWriteImages {
         let path = self.path.at(cx.frame);
         let format = format_of(&path).map_err(|m| NodeError::new(Fault::Parameters, m))?;
         let options = self.options(format);
-        let picture = picture::to_picture(self.image.into_owned()?)?;
+        let mut image = self.image.shared()?;
+        // Only OpenEXR says where its samples lie; every other format holds the display window.
+        if format != Format::Exr && image.data_window() != image.display_window() {
+            image = Arc::new(image.in_display().into_owned());
+        }
+        let picture = picture::to_picture(Arc::unwrap_or_clone(image))?;
         // Packed in memory first, so that a picture that the format cannot hold touches no disk.
         let bytes = codec::encode_to_vec(&picture, &options).map_err(|e| file::codec_error(&path, &e))?;
         drop(picture);

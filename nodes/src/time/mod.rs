@@ -3,12 +3,14 @@
 mod find_holds;
 mod hold;
 mod offset;
+mod pick;
 mod resample;
 mod retime;
 
 pub(crate) use find_holds::TimeFindHolds;
 pub(crate) use hold::TimeHold;
 pub(crate) use offset::TimeOffset;
+pub(crate) use pick::TimePick;
 pub(crate) use resample::TimeResample;
 pub(crate) use retime::RetimeApply;
 
