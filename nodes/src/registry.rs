@@ -11,6 +11,8 @@ use crate::image::{
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::MatteColorClusters;
+use crate::plot::{PlotCurves, PlotPlayhead};
+use crate::render::{RenderShapes, RenderStrip};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimeResample};
 use crate::track::TrackAffine;
 
@@ -62,6 +64,10 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
         .recurrent::<MatteColorClusters>()
+        .whole::<PlotCurves>()
+        .per_frame::<PlotPlayhead>()
+        .per_frame::<RenderShapes>()
+        .whole::<RenderStrip>()
         .per_frame::<RetimeApply>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()
