@@ -11,7 +11,7 @@ use super::curves::PlotCurves;
 use super::gather::groups;
 use super::playhead::PlotPlayhead;
 use crate::data::{Affine2, Image};
-use crate::render::tests::load;
+use crate::render::tests::{load, pictures};
 
 fn clock(last: i64, fps: u32) -> Clock {
     Clock { name: format!("at{fps}"), first: 1, last, fps: (fps, 1) }
@@ -160,4 +160,17 @@ fn the_playhead_stands_at_its_frame() {
     assert_eq!(playhead(&white, axes, 12).unwrap().samples(), white.samples(), "off the plot there is none");
     let error = playhead(&white, vec![1.0], 1).unwrap_err();
     assert_eq!(error.message, "expected the seven numbers of plot.curves' output `axes`, found 1");
+}
+
+#[test]
+fn a_graph_plots_its_curves_the_same_with_any_number_of_threads() {
+    let nodes = r#""white": (type: "image.constant", size: (80, 20), color: (1.0, 1.0, 1.0, 1.0)),
+        "now": (type: "plot.playhead", image: "@white", axes: [0.0, 0.0, 80.0, 20.0, 0.0, 8.0, 1.0], width: 2.0),
+        "found": (type: "time.find_holds", image: "@now"),
+        "plot": (type: "plot.curves", curves: ["@found.drawing", "@found"], holds: "@found", title: "drawings"),
+        "out": (type: "plot.playhead", image: "@plot", axes: "@plot.axes")"#;
+    let (one, two) = (pictures(nodes, 1).unwrap(), pictures(nodes, 2).unwrap());
+    assert_eq!((one.len(), one[0].width(), one[0].height()), (4, 960, 540));
+    assert!(one.iter().zip(&two).all(|(a, b)| a.samples() == b.samples()));
+    assert!(one[0].samples() != one[1].samples(), "the playhead moves");
 }

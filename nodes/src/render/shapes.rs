@@ -188,6 +188,10 @@ impl RenderShapes {
         let [o, x, y] = grid::axes(self.axes_origin(display), self.axes_length.unwrap_or(fitted), motion, origin);
         for (tip, colour) in [(x, X_AXIS), (y, Y_AXIS)] {
             let (shaft, head) = grid::arrow(o, tip, self.axes_width);
+            // A dark rim keeps the arrow apart from footage of its own colour.
+            let mut rim = head.clone();
+            rim.extend(shaft.iter());
+            line(canvas, &rim, self.axes_width + 2.0, [0.0, 0.0, 0.0, 0.6]);
             line(canvas, &shaft, self.axes_width, hex(colour));
             canvas.fill(&head, FillRule::NonZero, hex(colour));
         }

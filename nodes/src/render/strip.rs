@@ -249,4 +249,24 @@ mod tests {
         assert!(load(r#""out": (type: "render.strip")"#).is_err());
         assert!(fails("images: []").contains("expected"));
     }
+
+    /// A line that moves ten pixels to the right a frame: its middle is at column 10 of frame 1.
+    const MOVING: &str = r#""white": (type: "image.constant", size: (80, 20), color: (1.0, 1.0, 1.0, 1.0)),
+        "now": (type: "plot.playhead", image: "@white", axes: [0.0, 0.0, 80.0, 20.0, 0.0, 8.0, 1.0], width: 2.0),"#;
+
+    #[test]
+    fn cells_show_the_frames_that_are_listed() {
+        let out = r#""out": (type: "render.strip", images: "@now", frames: [4, 2], width: 80, gap: 0, numbers: false)"#;
+        let sheets: Vec<_> = [1, 2].map(|threads| pictures(&format!("{MOVING} {out}"), threads).unwrap().remove(0)).into();
+        assert!(sheets[0].samples() == sheets[1].samples());
+        let row = &sheets[0].samples()[15 * 160 * 4..16 * 160 * 4];
+        let dark: Vec<usize> = row.chunks_exact(4).enumerate().filter(|(_, p)| p[1] < 0.5).map(|(x, _)| x).collect();
+        assert_eq!(dark, [39, 40, 80 + 19, 80 + 20]);
+    }
+
+    #[test]
+    fn a_frame_that_is_not_there_is_refused() {
+        let out = r#""out": (type: "render.strip", images: "@now", frames: [2, 9])"#;
+        assert_eq!(pictures(&format!("{MOVING} {out}"), 1).err().unwrap(), "expected frames 1 to 4, found 9");
+    }
 }

@@ -85,7 +85,7 @@ fn lay_out(plot: &Plot, width: usize, height: usize) -> Result<Layout, PlotError
     let widest = down.iter().flat_map(|d| &d.labels).map(|l| text_width(l, t)).fold(0.0, f64::max);
     let has_label = plot.panels.iter().any(|p| !p.label.is_empty());
     let left = t + if has_label { 2.4 * t } else { 0.0 } + widest + 1.2 * t;
-    let names = || plot.panels.iter().flat_map(|p| &p.series).filter(|s| plot.legend && !s.name.is_empty());
+    let names = || plot.panels.iter().filter(|_| plot.legend).flat_map(Panel::named);
     let legend = names().map(|s| text_width(&s.name, t)).fold(0.0, f64::max).min(width as f64 / 3.0);
     let right = if names().next().is_some() { legend + 5.2 * t } else { 2.0 * t };
     let least_width = left + right + 6.0 * t;
@@ -204,7 +204,7 @@ impl Painter<'_, '_, '_> {
 
     fn legend(&mut self, panel: &Panel, place: &PanelLayout, left: f64) {
         let (t, [_, top, _, bottom]) = (self.plot.text, place.area);
-        let named: Vec<&Series> = panel.series.iter().filter(|s| !s.name.is_empty()).collect();
+        let named = panel.named();
         let room = ((bottom - top) / (1.9 * t)).max(1.0) as usize;
         let shown = if named.len() > room { room - 1 } else { named.len() };
         for (i, series) in named.iter().take(shown).enumerate() {

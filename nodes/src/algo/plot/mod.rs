@@ -38,6 +38,16 @@ pub struct Panel {
     pub range: Option<[f64; 2]>,
 }
 
+impl Panel {
+    /// The lines that a legend names: none where the only one is called what the axis is.
+    fn named(&self) -> Vec<&Series> {
+        match &self.series[..] {
+            [only] if only.name == self.label => Vec::new(),
+            all => all.iter().filter(|s| !s.name.is_empty()).collect(),
+        }
+    }
+}
+
 /// All that a plot shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {

@@ -89,3 +89,13 @@ fn plot_is_opaque_and_its_ground_is_white() {
     let band = |x: f64| data[((area[1] as usize + 3) * SIZE.0 + x as usize) * 4];
     assert!(band(area[0] + 5.0) < 1.0 && band(area[2] - 5.0) == 1.0);
 }
+
+#[test]
+fn plot_names_no_line_twice() {
+    let mut plot = plot(&[0.5; 3]);
+    plot.legend = true;
+    plot.panels[0].series[0].name = "residual".into();
+    let named = drawn(&plot).1;
+    plot.panels[0].label = "residual".into();
+    assert!(drawn(&plot).1[2] > named[2] + 20.0, "the room of the legend is the panel's");
+}
