@@ -6,8 +6,8 @@ use crate::cel::{CelArt, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
 use crate::image::{
-    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert, ImagePremultiply,
-    ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
+    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
+    ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::MatteColorClusters;

@@ -11,7 +11,8 @@ pub(crate) use strip::RenderStrip;
 use pegbar_engine::Outputs;
 use pegbar_engine::node::{Fault, NodeError};
 
-use crate::algo::paint::{hex, linear_from_srgb};
+use crate::algo::color::linear_from_srgb;
+use crate::algo::paint::hex;
 use crate::algo::window::Window;
 use crate::data::Image;
 
@@ -46,7 +47,7 @@ pub(crate) fn drawing(window: Window, display: Window, samples: Vec<f32>) -> Res
 
 /// A colour as seen on screen in linear light, opaque.
 pub(crate) fn screen(rgb: [f64; 3]) -> [f32; 4] {
-    let [r, g, b] = rgb.map(|v| linear_from_srgb(v as f32));
+    let [r, g, b] = rgb.map(|v| linear_from_srgb(v) as f32);
     [r, g, b, 1.0]
 }
 
