@@ -7,7 +7,9 @@ pub mod data;
 mod image;
 mod io;
 mod matte;
+mod plot;
 mod registry;
+mod render;
 mod time;
 mod track;
 

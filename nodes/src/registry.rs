@@ -6,11 +6,13 @@ use crate::cel::{CelArt, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
 use crate::image::{
-    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert, ImagePremultiply,
-    ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
+    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
+    ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::MatteColorClusters;
+use crate::plot::{PlotCurves, PlotPlayhead};
+use crate::render::{RenderShapes, RenderStrip};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
 
@@ -62,6 +64,10 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
         .recurrent::<MatteColorClusters>()
+        .whole::<PlotCurves>()
+        .per_frame::<PlotPlayhead>()
+        .per_frame::<RenderShapes>()
+        .whole::<RenderStrip>()
         .per_frame::<RetimeApply>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()

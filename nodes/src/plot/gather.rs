@@ -1,0 +1,74 @@
+//! Values of any type as curves, gathered into groups that share an axis.
+
+use pegbar_engine::array::Data;
+use pegbar_engine::node::{NodeError, type_of};
+use pegbar_engine::value::{TimeMap, Value, ValueRef};
+
+use crate::data::Affine2;
+
+/// The most numbers of a value that are drawn as curves.
+const MOST: usize = 64;
+
+/// Curves of one unit, which share an axis.
+#[derive(Debug, PartialEq)]
+pub(super) struct Group {
+    /// What stands along its axis.
+    pub(super) label: String,
+    /// Name and values of each curve, one a frame.
+    pub(super) curves: Vec<(String, Vec<f64>)>,
+    /// True for a value that holds all frames by itself.
+    pub(super) spans: bool,
+}
+
+/// The curves of a sequence of values. `name` is the given one, if any.
+pub(super) fn groups(values: &[ValueRef], name: Option<&str>) -> Result<Vec<Group>, NodeError> {
+    let Some(first) = values.first() else { return Ok(Vec::new()) };
+    if type_of(first) == TimeMap::NAME && values.len() == 1 {
+        let curve = numbers(first)?;
+        let label = name.unwrap_or("source frame").to_owned();
+        return Ok(vec![Group { curves: vec![(label.clone(), curve)], label, spans: true }]);
+    }
+    let rows = values.iter().map(numbers).collect::<Result<Vec<_>, _>>()?;
+    let count = rows[0].len();
+    if let Some(k) = rows.iter().position(|r| r.len() != count) {
+        let found = format!("expected {count} numbers at every frame, found {} at position {k} of the sequence", rows[k].len());
+        return Err(NodeError::input(format!("{}: {found}", name.unwrap_or(type_of(first)))));
+    }
+    let curve = |i: usize| rows.iter().map(|r| r[i]).collect::<Vec<f64>>();
+    if type_of(first) == Affine2::NAME && count == 6 {
+        return Ok(affine(curve, name));
+    }
+    let label = name.map_or_else(|| type_of(first).to_lowercase(), str::to_owned);
+    let called = |i: usize| if count == 1 { label.clone() } else { format!("{label}[{i}]") };
+    let curves = (0..count).map(|i| (called(i), curve(i))).collect();
+    Ok(vec![Group { label, curves, spans: false }])
+}
+
+/// Linear part and translation are in different units. The matrix has its rows `[a1, a2, dx]` and `[a3, a4, dy]`.
+fn affine(curve: impl Fn(usize) -> Vec<f64>, name: Option<&str>) -> Vec<Group> {
+    let prefix = name.map_or_else(String::new, |n| format!("{n} "));
+    let group = |label: &str, parts: &[(&str, usize)]| Group {
+        label: format!("{prefix}{label}"),
+        curves: parts.iter().map(|(n, i)| (format!("{prefix}{n}"), curve(*i))).collect(),
+        spans: false,
+    };
+    vec![group("linear part", &[("a1", 0), ("a2", 1), ("a3", 3), ("a4", 4)]), group("translation, px", &[("dx", 2), ("dy", 5)])]
+}
+
+/// All numbers of a value, in the order of its arrays.
+fn numbers(value: &ValueRef) -> Result<Vec<f64>, NodeError> {
+    let parts = value.parts();
+    let count: usize = parts.arrays.iter().map(|(_, a)| a.bytes.len() / a.dtype.size()).sum();
+    if count == 0 || (count > MOST && type_of(value) != TimeMap::NAME) {
+        let found = format!("expected values of 1 to {MOST} numbers, found {} of {count}", type_of(value));
+        return Err(NodeError::input(found).help("plot.curves is for curves, vectors, weights, motions and time maps"));
+    }
+    let wide = |data: Data| match data {
+        Data::F32(v) => v.into_iter().map(f64::from).collect::<Vec<f64>>(),
+        Data::F64(v) => v,
+        Data::I64(v) => v.into_iter().map(|n| n as f64).collect(),
+        Data::U32(v) => v.into_iter().map(f64::from).collect(),
+        Data::U8(v) => v.into_iter().map(f64::from).collect(),
+    };
+    Ok(parts.arrays.iter().flat_map(|(_, a)| wide(a.to_array().data)).collect())
+}
