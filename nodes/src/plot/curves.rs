@@ -233,7 +233,7 @@ impl Whole for PlotCurves {
 
     fn check(&self) -> Vec<Problem> {
         match self.y_range {
-            Some([low, high]) if !(low < high) => {
+            Some([low, high]) if low.partial_cmp(&high) != Some(std::cmp::Ordering::Less) => {
                 vec![Problem { input: "y_range", message: format!("expected the lower end first, found {low} and {high}") }]
             }
             _ => Vec::new(),
