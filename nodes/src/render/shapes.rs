@@ -211,7 +211,11 @@ impl RenderShapes {
         }
         if let Some(bounds) = self.grid {
             let cells = self.grid_lines.map(|n| usize::try_from(n).unwrap_or(1));
-            line(&mut canvas, &grid::grid(bounds, cells, &motion, origin), self.grid_width, screen(self.grid_color));
+            let path = grid::grid(bounds, cells, &motion, origin);
+            // A dark rim shows the grid on light footage.
+            let rim = if self.grid_width > 0.0 { self.grid_width + 1.5 } else { 0.0 };
+            line(&mut canvas, &path, rim, [0.0, 0.0, 0.0, 0.35]);
+            line(&mut canvas, &path, self.grid_width, screen(self.grid_color));
         }
         if self.axes {
             self.draw_axes(&mut canvas, &motion, origin, display);
