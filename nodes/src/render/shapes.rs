@@ -48,7 +48,7 @@ pub(crate) struct RenderShapes {
     /// Red, green, blue and opacity of the ground without a background.
     #[input(default = (0.0, 0.0, 0.0, 0.0), range = 0.0..=1.0)]
     background_color: [f64; 4],
-    /// Colours of the shapes in turn. Eight shapes or fewer tell apart for all kinds of sight where it is left out.
+    /// Colours of the shapes in turn. Seven that all kinds of sight tell apart where it is left out.
     #[input(default = [], range = 0.0..=1.0)]
     colors: Vec<[f64; 3]>,
     /// Opacity of the inside of closed shapes. 0 leaves it alone.
