@@ -181,6 +181,7 @@ impl PlotCurves {
 
     fn panels(&self, gathered: Vec<(Group, &Clock)>, across: &Across) -> Vec<Panel> {
         let mut panels: Vec<Panel> = Vec::new();
+        let several = gathered.len() > 1;
         for (group, clock) in gathered {
             let label = self.y_labels.get(panels.len()).unwrap_or(&group.label).clone();
             match panels.last_mut() {
@@ -192,7 +193,7 @@ impl PlotCurves {
             }
         }
         // One axis for several values is only called what the graph calls it.
-        if self.layout == Layout::Overlaid && self.curves.0.len() > 1 {
+        if self.layout == Layout::Overlaid && several {
             panels.iter_mut().for_each(|p| p.label = self.y_labels.first().cloned().unwrap_or_default());
         }
         panels
@@ -233,7 +234,7 @@ impl Whole for PlotCurves {
 
     fn check(&self) -> Vec<Problem> {
         match self.y_range {
-            Some([low, high]) if !(low < high) => {
+            Some([low, high]) if low.partial_cmp(&high) != Some(std::cmp::Ordering::Less) => {
                 vec![Problem { input: "y_range", message: format!("expected the lower end first, found {low} and {high}") }]
             }
             _ => Vec::new(),

@@ -48,7 +48,7 @@ pub(crate) struct RenderShapes {
     /// Red, green, blue and opacity of the ground without a background.
     #[input(default = (0.0, 0.0, 0.0, 0.0), range = 0.0..=1.0)]
     background_color: [f64; 4],
-    /// Colours of the shapes in turn. Eight shapes or fewer tell apart for all kinds of sight where it is left out.
+    /// Colours of the shapes in turn. Seven that all kinds of sight tell apart where it is left out.
     #[input(default = [], range = 0.0..=1.0)]
     colors: Vec<[f64; 3]>,
     /// Opacity of the inside of closed shapes. 0 leaves it alone.
@@ -211,7 +211,11 @@ impl RenderShapes {
         }
         if let Some(bounds) = self.grid {
             let cells = self.grid_lines.map(|n| usize::try_from(n).unwrap_or(1));
-            line(&mut canvas, &grid::grid(bounds, cells, &motion, origin), self.grid_width, screen(self.grid_color));
+            let path = grid::grid(bounds, cells, &motion, origin);
+            // A dark rim shows the grid on light footage.
+            let rim = if self.grid_width > 0.0 { self.grid_width + 1.5 } else { 0.0 };
+            line(&mut canvas, &path, rim, [0.0, 0.0, 0.0, 0.35]);
+            line(&mut canvas, &path, self.grid_width, screen(self.grid_color));
         }
         if self.axes {
             self.draw_axes(&mut canvas, &motion, origin, display);
