@@ -12,6 +12,7 @@
 //! "clean": (type: "image.clean_plate", image: "@plate", matte: "@matte"),
 //! ```
 
+use std::cmp::Ordering;
 use std::sync::Arc;
 
 use pegbar_engine::Node;
@@ -77,7 +78,8 @@ impl ImageCleanPlate {
         let limit = least.max(self.threshold as f32);
         let channels = pictures[0].n_channels();
         for c in 0..channels {
-            let free = pictures.iter().zip(mattes).filter(|(_, m)| !(m.alpha()[pixel] > limit));
+            // A matte value that is no number covers nothing, so that some frame is always left.
+            let free = pictures.iter().zip(mattes).filter(|(_, m)| m.alpha()[pixel].partial_cmp(&limit) != Some(Ordering::Greater));
             let mut values: Vec<f32> = free.map(|(p, _)| p.samples()[pixel * channels + c]).collect();
             let middle = values.len() / 2;
             samples.push(*values.select_nth_unstable_by(middle, f32::total_cmp).1);

@@ -1,6 +1,8 @@
 //! Time: streams held, moved and played on other clocks.
 
 mod find_holds;
+#[cfg(test)]
+mod graph_tests;
 mod hold;
 mod offset;
 mod pick;
