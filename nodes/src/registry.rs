@@ -6,11 +6,11 @@ use crate::cel::{CelArt, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
 use crate::image::{
-    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert, ImagePremultiply,
-    ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
+    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
+    ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
-use crate::matte::MatteColorClusters;
+use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimeResample};
 use crate::track::TrackAffine;
 
@@ -62,6 +62,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
         .recurrent::<MatteColorClusters>()
+        .per_frame::<MatteFromImage>()
         .per_frame::<RetimeApply>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()

@@ -42,7 +42,10 @@ impl PerFrame for CompMask {
         let (window, display, channels) = (image.data_window(), image.display_window(), image.n_channels());
         let (width, height) = (self.matte.width() as i64, self.matte.height() as i64);
         if (width, height) != (display.width as i64, display.height as i64) {
-            return Err(NodeError::input(format!("expected a matte of {} x {}, the picture's format, found {width} x {height}", display.width, display.height)));
+            return Err(NodeError::input(format!(
+                "expected a matte of {} x {}, the picture's format, found {width} x {height}",
+                display.width, display.height
+            )));
         }
         for (j, row) in image.samples_mut().chunks_exact_mut((window.width * channels).max(1)).enumerate() {
             let y = window.y - display.y + j as i64;
