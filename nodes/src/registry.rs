@@ -10,7 +10,7 @@ use crate::image::{
     ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
-use crate::matte::MatteColorClusters;
+use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::render::{RenderShapes, RenderStrip};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
@@ -64,6 +64,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
         .recurrent::<MatteColorClusters>()
+        .per_frame::<MatteFromImage>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
         .per_frame::<RenderShapes>()

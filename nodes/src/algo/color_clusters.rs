@@ -10,6 +10,7 @@
 //!
 //! **Cost** `alpha` is O(pixels × components); `fit` is O(samples × components × steps), whatever the size of the picture beyond one pass.
 
+mod coverage;
 mod edge;
 mod field;
 mod fit;
@@ -19,6 +20,7 @@ mod regions;
 #[cfg(test)]
 mod tests;
 
+pub use coverage::alpha;
 pub use gaussian::Gaussian;
 
 use super::color;
@@ -88,6 +90,8 @@ pub struct Options {
     pub min_area: f64,
     /// Holes up to this many pixels are filled; 0 fills none, infinity all that do not touch the border of the picture.
     pub fill_holes: f64,
+    /// Holes count as closed where gaps of at most this many pixels in their walls let the ground in, 0 to 64.
+    pub close_gaps: f64,
     /// Keep the largest part of the layer only.
     pub largest_component: bool,
     /// Probabilities up to `clip.0` become 0, those from `clip.1` on become 1, the rest is stretched; (0, 1) keeps them all. The solved edge is not clipped.
@@ -112,6 +116,7 @@ impl Default for Options {
             smoothness: 1.0,
             min_area: 16.0,
             fill_holes: 64.0,
+            close_gaps: 0.0,
             largest_component: false,
             clip: (0.1, 0.9),
             edge: 1.0,
@@ -260,6 +265,7 @@ fn validate(image: Raster<'_>, options: &Options) -> Result<(), MatteError> {
         ("min_sigma", options.min_sigma, 1e-3, 100.0, "from 0.001 to 100"),
         ("smoothness", options.smoothness, 0.0, 100.0, "from 0 to 100"),
         ("min_area", options.min_area, 0.0, f64::INFINITY, "of 0 pixels or more"),
+        ("close_gaps", options.close_gaps, 0.0, 64.0, "from 0 to 64 pixels"),
         ("fill_holes", options.fill_holes, 0.0, f64::INFINITY, "of 0 pixels or more"),
         ("clip", options.clip.0, 0.0, options.clip.1, "of two values in order, from 0 to 1"),
         ("clip", options.clip.1, 1e-3, 1.0, "of two values in order, from 0 to 1"),
@@ -531,137 +537,6 @@ fn posteriors(model: &Model, samples: &Samples) -> Vec<[f64; 3]> {
         [layer / total, ground / total, ink / total]
     };
     samples.points.iter().zip(&samples.labels).map(one).collect()
-}
-
-/// The matte of one frame into `out`, one sample a pixel, 0 to 1. The same bits on every run and processor.
-///
-/// # Errors
-/// An empty picture, `out` of another size, or an option out of range.
-pub fn alpha(image: Raster<'_>, model: &Model, options: &Options, out: &mut [f32]) -> Result<Status, MatteError> {
-    validate(image, options)?;
-    let n = image.width * image.height;
-    if out.len() != n {
-        return Err(MatteError::Size { expected: n, found: out.len() });
-    }
-    let planes = kernel::planes(image, model.space);
-    let (ink, log_likelihood) = kernel::posterior(&planes, &kernel::PackedModel::new(model), out);
-    let (_, ambiguity) = kernel::mean_and_ambiguity(out);
-    give_ink(out, &ink, image.width, options);
-    if options.smoothness > 0.0 {
-        kernel::log_odds(out);
-        field::smooth(out, &planes, image.width, image.height, options.smoothness, options.min_sigma * options.min_sigma);
-    }
-    let mask = tidy_mask(image, options, out);
-    kernel::clip(out, options.clip.0 as f32, options.clip.1 as f32);
-    if options.edge > 0.0 {
-        solve_edge(image, model, options, &mask, out);
-    }
-    let (area, _) = kernel::mean_and_ambiguity(out);
-    Ok(Status { area, log_likelihood: log_likelihood / n as f64, ambiguity })
-}
-
-/// Adds the probability of ink to the layer where the ink is the layer's.
-fn give_ink(out: &mut [f32], ink: &[f32], width: usize, options: &Options) {
-    if ink.is_empty() || options.ink <= 0.0 {
-        return;
-    }
-    // A speck of grain with the colour of the layer owns no ink.
-    let mut layer: Vec<bool> = out.iter().map(|p| *p > 0.5).collect();
-    regions::tidy(&mut layer, width, regions::Tidy { min_area: options.min_area, max_hole: 0.0, largest_only: options.largest_component });
-    let owned = regions::owned_ink(&layer, ink, width, options.ink);
-    for ((o, i), owned) in out.iter_mut().zip(ink).zip(owned) {
-        if owned {
-            *o += i;
-        }
-    }
-}
-
-/// The colour of a pixel in the space in which edges were mixed.
-fn mixed_color<'a>(image: Raster<'a>, mix: Mix) -> impl Fn(usize) -> [f32; 3] + 'a {
-    move |i| {
-        let rgb = kernel::clean_rgb(&image.data[i * image.channels..(i + 1) * image.channels]);
-        match mix {
-            Mix::Linear => rgb,
-            Mix::Display => rgb.map(color::srgb_from_linear_f32),
-        }
-    }
-}
-
-/// Cuts the matte at one half, tidies its regions, and sets what changed sides.
-fn tidy_mask(image: Raster<'_>, options: &Options, out: &mut [f32]) -> Vec<bool> {
-    let mut mask: Vec<bool> = out.iter().map(|p| *p > 0.5).collect();
-    if options.edge > 0.0 {
-        let color = mixed_color(image, options.mix);
-        let tolerance = 0.02 + 3.0 * grain(image, &color);
-        regions::join_blends(&mut mask, out, image.width, options.clip.1 as f32, color, tolerance);
-    }
-    let rules = regions::Tidy { min_area: options.min_area, max_hole: options.fill_holes, largest_only: options.largest_component };
-    regions::tidy(&mut mask, image.width, rules);
-    for (o, m) in out.iter_mut().zip(&mask) {
-        if (*o > 0.5) != *m {
-            *o = f32::from(*m);
-        }
-    }
-    mask
-}
-
-/// Solves the band of mixed pixels.
-fn solve_edge(image: Raster<'_>, model: &Model, options: &Options, mask: &[bool], out: &mut [f32]) {
-    let color = mixed_color(image, options.mix);
-    let palette: Vec<[f32; 3]> = model
-        .ink
-        .iter()
-        .chain(&model.foreground)
-        .filter(|g| g.weight > 0.01)
-        .map(|g| palette_color(model.space, options.mix, g.mean))
-        .collect();
-    let band = edge::Band {
-        width: image.width,
-        height: image.height,
-        mask,
-        // Ink hides where its line ends: blends with it look like ground sooner than blends with a fill.
-        radius: options.edge.ceil() as usize + usize::from(!model.ink.is_empty()),
-        inks: model.ink.iter().filter(|g| g.weight > 0.01).count(),
-        grain: grain(image, &color),
-        color,
-        palette: &palette,
-    };
-    band.solve(out);
-}
-
-/// The colour of a cluster in the space in which edges were mixed.
-fn palette_color(space: Space, mix: Mix, mean: [f64; 3]) -> [f32; 3] {
-    let linear = match space {
-        Space::Lab => color::rgb_from_lab(mean),
-        Space::Oklab => color::rgb_from_oklab(mean.map(|v| v / 100.0)),
-        Space::Display => mean.map(|v| color::linear_from_srgb(v / 100.0)),
-        Space::Linear => mean.map(|v| v / 100.0),
-    };
-    let mixed = |v: f64| if mix == Mix::Display { color::srgb_from_linear(v) } else { v };
-    linear.map(|v| mixed(v.clamp(0.0, 1.0)) as f32)
-}
-
-/// Standard deviation of the grain of one sample: the median second difference along rows, over that of a unit normal.
-fn grain(image: Raster<'_>, color: &impl Fn(usize) -> [f32; 3]) -> f32 {
-    let n = image.width * image.height;
-    if image.width < 3 {
-        return 0.0;
-    }
-    let step = (n / 8192).max(1) | 1;
-    let inner = (0..n).step_by(step).filter(|i| (1..image.width - 1).contains(&(i % image.width)));
-    let mut differences: Vec<f32> = inner
-        .map(|i| {
-            let (a, b, c) = (color(i - 1), color(i), color(i + 1));
-            (0..3).map(|k| (a[k] - 2.0 * b[k] + c[k]).abs()).sum::<f32>() / 3.0
-        })
-        .collect();
-    if differences.is_empty() {
-        return 0.0;
-    }
-    let middle = differences.len() / 2;
-    let (_, median, _) = differences.select_nth_unstable_by(middle, f32::total_cmp);
-    // The mean of three absolute normal deviates has its median near √(2/π), a second difference √6 times the spread of a sample.
-    *median / (0.798 * 2.449_5)
 }
 
 /// The model after one more frame and its matte. `rate` 0 keeps the model, 1 forgets all but where the clusters were; pixels between 0.05 and 0.95 teach nothing. O(samples × components).

@@ -71,6 +71,9 @@ pub(crate) struct MatteColorClusters {
     /// Holes up to this size are filled; 0 fills none, `inf` all that do not touch the border.
     #[input(default = 64.0, range = 0.0.., unit = "px²")]
     fill_holes: f64,
+    /// Holes count as closed where gaps up to this width in the drawing let the ground in. 0 fills closed ones only.
+    #[input(default = 0.0, range = 0.0..=64.0, unit = "px")]
+    close_gaps: f64,
     /// Keep the largest part of the layer only.
     #[input(default = false)]
     largest_component: bool,
@@ -171,6 +174,7 @@ impl MatteColorClusters {
             smoothness: self.smoothness,
             min_area: self.min_area,
             fill_holes: self.fill_holes,
+            close_gaps: self.close_gaps,
             largest_component: self.largest_component,
             clip: (self.clip[0], self.clip[1]),
             edge: self.edge,

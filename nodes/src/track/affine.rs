@@ -70,7 +70,7 @@ pub(crate) struct TrackAffine {
     #[input(default = 0.8, range = 0.0..=8.0, unit = "px")]
     sigma: f64,
     /// How much a pixel that does not fit counts.
-    #[input(default = geman_mc_clure)]
+    #[input(default = geman_mcclure)]
     robust: Robust,
     /// Bend of the robust weights, in robust standard deviations. Small rejects more, large is closer to least squares.
     #[input(default = 4.0, range = 0.5..=100.0)]

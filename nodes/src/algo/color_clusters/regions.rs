@@ -215,6 +215,27 @@ pub(super) fn dilate(mask: &mut [bool], width: usize, radius: usize) {
     }
 }
 
+/// Fills holes up to `max_hole` whose walls have gaps of at most `gap` pixels, in place. O(pixels).
+///
+/// The walls are grown until the gaps close, and what is then a hole grows back to them.
+pub(super) fn close_gaps(mask: &mut [bool], width: usize, gap: f64, max_hole: f64) {
+    let radius = (gap.clamp(0.0, 64.0) / 2.0).ceil() as usize;
+    if radius == 0 || max_hole <= 0.0 {
+        return;
+    }
+    let mut grown = mask.to_vec();
+    dilate(&mut grown, width, radius);
+    let mut filled = grown.clone();
+    tidy(&mut filled, width, Tidy { min_area: 0.0, max_hole, largest_only: false });
+    for (f, g) in filled.iter_mut().zip(&grown) {
+        *f &= !g;
+    }
+    dilate(&mut filled, width, radius);
+    for (m, f) in mask.iter_mut().zip(&filled) {
+        *m |= f;
+    }
+}
+
 /// Ors `from`, moved by `by` samples either way, into `out`.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 fn merge_shifted(out: &mut [bool], from: &[bool], by: usize) {
@@ -307,6 +328,32 @@ mod tests {
         assert_eq!(size(&m), 10);
         tidy(&mut m, 8, Tidy { min_area: 0.0, max_hole: 2.0, largest_only: false });
         assert_eq!(size(&m), 12);
+    }
+
+    #[test]
+    fn a_hole_with_a_gap_in_its_wall_closes_and_a_bay_does_not() {
+        let rows = [
+            "..............",
+            ".########.....",
+            ".#......#.....",
+            ".#......#.....",
+            ".#............",
+            ".#......#.....",
+            ".#......#.....",
+            ".########.....",
+        ];
+        let mut m = mask(&rows);
+        let walls = m.iter().filter(|v| **v).count();
+        close_gaps(&mut m, 14, 0.0, 1e9);
+        assert_eq!(m.iter().filter(|v| **v).count(), walls);
+        close_gaps(&mut m, 14, 2.0, 1e9);
+        tidy(&mut m, 14, Tidy { min_area: 0.0, max_hole: 1e9, largest_only: false });
+        assert!((2..7).all(|y| (1..8).all(|x| m[y * 14 + x])), "the inside is full");
+        assert!((0..8).all(|y| (10..14).all(|x| !m[y * 14 + x])), "the outside is not");
+        let bay = mask(&["#......#", "#......#", "#......#", "########"]);
+        let mut m = bay.clone();
+        close_gaps(&mut m, 8, 2.0, 1e9);
+        assert_eq!(m, bay);
     }
 
     #[test]

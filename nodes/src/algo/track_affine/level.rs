@@ -409,7 +409,7 @@ fn weigh(out: &mut [f32], valid: &[f32], norm: &[f32], robust: Robust, cut: f32)
                 out[i] = valid[i] * if r > cut { cut / r } else { 1.0 };
             }
         }
-        Robust::GemanMcClure => {
+        Robust::GemanMcclure => {
             for i in 0..n {
                 let q = cut_sq / (cut_sq + norm[i]);
                 out[i] = valid[i] * q * q;

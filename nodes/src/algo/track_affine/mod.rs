@@ -40,7 +40,7 @@ use planes::{Key, Planes, crop, pyramid};
 use region::{Extent, extent, mask_planes, region_weight, used_channels, window_of, with_rim};
 use run::{Attempt, Run, View, failed};
 use solve::{is_sane, project};
-use start::{Moments, carrying, extrapolate, moments};
+use start::{Moments, carrying, extrapolate, moments, transport};
 
 /// How the tracking of a frame ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,10 +120,22 @@ pub struct Template {
     scale: f64,
 }
 
+/// Where the region may be in a frame.
+struct Guesses {
+    /// Best informed first, never empty.
+    all: Vec<Affine>,
+    /// Those that need no reason; the others must fit better to be believed.
+    expected: Vec<Affine>,
+    /// The one that moves least, by the moments of the matte.
+    calm: Option<Affine>,
+}
+
 /// Rotations tried with the moments of a matte.
 const TURNS: usize = 36;
 /// Dissimilarity under which nothing is searched.
 const GOOD_ENOUGH: f64 = 0.5;
+/// What a later attempt's dissimilarity must be under, as a share of an earlier one's: the earlier are the likelier.
+const CLEARLY: f64 = 0.9;
 /// Dissimilarity above which the costly wide searches are tried.
 const LOST: f64 = 0.7;
 
@@ -247,12 +259,12 @@ impl Template {
             if best.is_some_and(|b| b.dissimilarity <= enough) {
                 break;
             }
-            let widened = if attempt.turned { self.turned(&guesses[0]) } else { Vec::new() };
+            let widened = if attempt.turned { self.turned(&guesses.all[0]) } else { Vec::new() };
             let view = View { matte: view.matte.filter(|_| attempt.keyed), ..view };
-            let track = self.attempt(&view, if attempt.turned { &widened } else { &guesses }, &attempt);
-            best = Some(best.filter(|b| b.dissimilarity <= track.dissimilarity).unwrap_or(track));
+            let track = self.attempt(&view, if attempt.turned { &widened } else { &guesses.all }, &guesses, &attempt);
+            best = Some(best.filter(|b| CLEARLY * b.dissimilarity <= track.dissimilarity).unwrap_or(track));
         }
-        Ok(best.unwrap_or_else(|| failed(guesses[0], Status::OffFrame)))
+        Ok(best.unwrap_or_else(|| failed(guesses.all[0], Status::OffFrame)))
     }
 
     /// What is tried in turn until something fits: the guesses as they are, a search, then a wider one, turned and scaled or without the key.
@@ -293,39 +305,42 @@ impl Template {
         out
     }
 
-    /// The first guesses, best informed first; never empty.
-    fn guesses(&self, frame: Raster, matte: Option<&[f32]>, start: &Start) -> Vec<Affine> {
-        let mut out = Vec::new();
+    /// Where the region may be.
+    fn guesses(&self, frame: Raster, matte: Option<&[f32]>, start: &Start) -> Guesses {
+        let own = |m: &Affine| project(m, self.options.model, self.centre);
         let last = if is_sane(&start.last) { start.last } else { identity() };
         let before = start.before.filter(|b| is_sane(b) && self.options.velocity);
-        out.extend(before.and_then(|b| extrapolate(&last, &b)));
-        out.push(last);
+        let mut all: Vec<Affine> = before.and_then(|b| extrapolate(&last, &b)).into_iter().chain([last]).map(|m| own(&m)).collect();
+        let mut calm = None;
         if self.options.guess != Guess::Previous
             && let (Some(from), Some(matte)) = (&self.moments, matte)
             && let Some(to) = moments(matte, frame.width)
             && to.mass > 0.05 * from.mass
         {
-            if self.options.guess == Guess::Moments {
-                out.clear();
+            calm = transport(from, &to, &last).map(|m| own(&m));
+            if self.options.guess == Guess::Moments && calm.is_some() {
+                all.clear();
             }
-            out.extend(carrying(from, &to, TURNS).into_iter().filter(is_sane));
+            all.extend(calm);
+            all.extend(carrying(from, &to, TURNS).iter().filter(|m| is_sane(m)).map(own));
         }
-        if out.is_empty() {
-            out.push(last);
-        }
-        out.iter().map(|m| project(m, self.options.model, self.centre)).collect()
+        // A turn that is not seen must not gather speed, so that where the moments speak the velocity does not.
+        let expected = if calm.is_some() { [own(&last)].into_iter().chain(calm).collect() } else { all.clone() };
+        Guesses { all, expected, calm }
     }
 
-    fn attempt(&self, view: &View, guesses: &[Affine], how: &Attempt) -> Track {
+    fn attempt(&self, view: &View, starts: &[Affine], guesses: &Guesses, how: &Attempt) -> Track {
         let levels = if view.matte.is_some() { &self.keyed } else { &self.plain };
         let mut run = Run {
             template: self,
             view: *view,
             levels,
+            expected: &guesses.expected,
+            calm: guesses.calm,
             size: [view.frame.width, view.frame.height],
             scratch: Scratch::default(),
             iterations: 0,
         };
-        run.descend(guesses, how)
+        run.descend(starts, how)
     }
 }

@@ -25,7 +25,7 @@ pub enum Robust {
     Huber,
     /// Weight 1/(1 + r²/c²)²: gross misfits hardly count.
     #[default]
-    GemanMcClure,
+    GemanMcclure,
 }
 
 /// What the differences are taken of.

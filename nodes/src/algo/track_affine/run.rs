@@ -3,8 +3,8 @@
 use super::level::{Fit, Level, Scratch};
 use super::planes::{Key, Planes, Window, crop, gaussian_taps, pyramid, smoothed};
 use super::region::{has_finite, window_of};
-use super::solve::{distance, increment, project, solve, update};
-use super::start::{moved_bounds, shifted};
+use super::solve::{Hold, away, distance, hardly_seen, increment, project, solve, update};
+use super::start::{moved_bounds, shifted, unrest};
 use super::{Status, Template, Track};
 use crate::algo::raster::{Affine, Raster, apply, identity};
 
@@ -18,6 +18,10 @@ const REFINED_WIDE: usize = 8;
 const FITS: f64 = 0.12;
 /// Cost at the coarsest level under which no other start can do much better.
 const FITS_WELL: f64 = 0.03;
+/// What a start pays for each unit of unrest: an outline without features fits many ways, and the calmest is the one that is meant.
+const CALM: f64 = 0.04;
+/// Unrest between a start and the calmest motion under which the latter says what cannot be seen.
+const NEARLY_CALM: f64 = 0.5;
 /// Condition number beyond which a direction counts as unseen.
 const UNSEEN: f64 = 1e6;
 
@@ -48,6 +52,10 @@ pub(super) struct Run<'a> {
     pub(super) template: &'a Template,
     pub(super) view: View<'a>,
     pub(super) levels: &'a [Level],
+    /// Motions that need no reason.
+    pub(super) expected: &'a [Affine],
+    /// The motion that moves least, by the moments of the matte.
+    pub(super) calm: Option<Affine>,
     pub(super) size: [usize; 2],
     pub(super) scratch: Scratch,
     pub(super) iterations: usize,
@@ -57,6 +65,8 @@ pub(super) struct Run<'a> {
 #[derive(Clone, Copy)]
 struct Refined {
     motion: Affine,
+    /// Where the iterations began: what cannot be seen stays as it is there.
+    start: Affine,
     status: Status,
     fit: Fit,
     condition: f64,
@@ -107,7 +117,7 @@ impl Run<'_> {
             let step = self.levels[l].step;
             let part = window_of(moved_bounds(&at.motion, self.template.bounds), 6.0 * step);
             let frame = smoothed(&all[l], part, &taps);
-            at = self.refine(l, &frame, at.motion);
+            at = self.refine(l, &frame, at.motion, at.start);
             if matches!(at.status, Status::Textureless | Status::OffFrame) {
                 break;
             }
@@ -144,15 +154,28 @@ impl Run<'_> {
         level.cost(&self.scratch)
     }
 
-    /// All starts with their costs at the coarsest level, best first.
+    /// What a motion pays for being unexpected.
+    fn dues(&self, motion: &Affine) -> f64 {
+        CALM * unrest(motion, self.expected)
+    }
+
+    /// Where what cannot be seen is held: shaped as the moments say, where that is near, and centred as `start` is.
+    fn anchor(&self, start: &Affine) -> Affine {
+        let Some(calm) = self.calm.filter(|c| unrest(start, &[*c]) < NEARLY_CALM) else { return *start };
+        let centre = self.template.centre.into();
+        let d = apply(start, centre) - apply(&calm, centre);
+        shifted(&calm, d.x, d.y)
+    }
+
+    /// All starts with their costs and dues at the coarsest level, best first.
     fn starts(&mut self, frame: &Planes, guesses: &[Affine], how: &Attempt) -> Vec<(f64, Affine)> {
-        let mut starts: Vec<(f64, Affine)> = guesses.iter().map(|m| (self.cost(frame, m), *m)).collect();
+        let mut starts: Vec<(f64, Affine)> = guesses.iter().map(|m| (self.cost(frame, m) + self.dues(m), *m)).collect();
         let best = starts.iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|s| s.1);
         let around: Vec<Affine> = if how.turned { guesses.to_vec() } else { best.into_iter().collect() };
         for guess in around {
             for (dx, dy) in self.grid(frame, &guess, how.radius, if how.turned { 2.0 } else { 1.0 }) {
                 let m = shifted(&guess, dx, dy);
-                starts.push((self.cost(frame, &m), m));
+                starts.push((self.cost(frame, &m) + self.dues(&m), m));
             }
         }
         starts.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -175,20 +198,22 @@ impl Run<'_> {
         let top = self.levels.len() - 1;
         let starts = self.starts(frame, guesses, how);
         let picked = self.pick(&starts, 1.5 * frame.step, if how.turned { REFINED_WIDE } else { REFINED });
-        let mut best: Option<(f64, Refined, usize)> = None;
+        let mut best: Option<(f64, f64, Refined, usize)> = None;
         for m in picked {
             self.iterations = 0;
-            let refined = self.refine(top, frame, m);
+            let refined = self.refine(top, frame, m, self.anchor(&m));
             let cost = self.cost(frame, &refined.motion);
-            if best.as_ref().is_none_or(|b| cost < b.0) {
-                best = Some((cost, refined, self.iterations));
+            let paid = cost + self.dues(&refined.motion);
+            if best.as_ref().is_none_or(|b| paid < b.0) {
+                best = Some((paid, cost, refined, self.iterations));
             }
-            if cost < FITS_WELL {
+            if paid < FITS_WELL {
                 break;
             }
         }
-        let Some((cost, refined, iterations)) = best else {
-            let none = Refined { motion: guesses[0], status: Status::OffFrame, fit: Fit::default(), condition: f64::NAN };
+        let Some((_, cost, refined, iterations)) = best else {
+            let none =
+                Refined { motion: guesses[0], start: guesses[0], status: Status::OffFrame, fit: Fit::default(), condition: f64::NAN };
             return (1.0, none);
         };
         self.iterations = iterations;
@@ -212,14 +237,15 @@ impl Run<'_> {
         (y0..=y1).flat_map(|j| (x0..=x1).map(move |i| (i as f64 * step, j as f64 * step))).filter(|d| *d != (0.0, 0.0)).collect()
     }
 
-    /// Gauss-Newton at one level.
-    fn refine(&mut self, l: usize, frame: &Planes, start: Affine) -> Refined {
+    /// Gauss-Newton at one level from `start`; what cannot be seen stays as in `anchor`.
+    fn refine(&mut self, l: usize, frame: &Planes, start: Affine, anchor: Affine) -> Refined {
         let (template, level) = (self.template, &self.levels[l]);
         let options = &template.options;
         let tolerance = if l == 0 { options.tolerance } else { options.tolerance.max(0.04 * level.step) };
         let too_far = template.scale;
-        let mut at = Refined { motion: start, status: Status::Unfinished, fit: Fit::default(), condition: f64::NAN };
+        let mut at = Refined { motion: start, start: anchor, status: Status::Unfinished, fit: Fit::default(), condition: f64::NAN };
         let mut last = None;
+        let (mut share, mut before) = (1.0, f64::INFINITY);
         for _ in 0..options.iterations {
             self.iterations += 1;
             let overlap = level.sample(frame, self.size, &at.motion, &mut self.scratch);
@@ -231,11 +257,13 @@ impl Run<'_> {
             }
             at.fit = level.fit(overlap, &mut self.scratch);
             let sums = level.sums(&at.fit, options, &mut self.scratch);
-            let Some(step) = solve(&sums, options.model, false) else {
+            let misfit = at.fit.scale / level.contrast.max(1e-12);
+            let hold = Hold { away: away(&at.motion, &anchor, template.centre, template.scale), hardly: hardly_seen(misfit) };
+            let Some(step) = solve(&sums, &hold, options.model, false) else {
                 return Refined { motion: start, status: Status::Textureless, ..at };
             };
             last = Some(sums);
-            let step = increment(&step.theta, options.model, template.centre, template.scale);
+            let step = increment(&(step.theta * share), options.model, template.centre, template.scale);
             let moved = distance(&step, &identity(), template.bounds);
             let Some(next) = update(&at.motion, &step).filter(|_| moved <= too_far) else {
                 at.motion = start;
@@ -246,9 +274,14 @@ impl Run<'_> {
                 at.status = Status::Converged;
                 break;
             }
+            // Steps that do not get shorter go to and fro between two sides of a ragged minimum.
+            if moved > 0.7 * before {
+                share *= 0.6;
+            }
+            before = moved;
         }
         if l == 0 {
-            at.condition = last.and_then(|s| solve(&s, options.model, true)).map_or(f64::NAN, |s| s.condition);
+            at.condition = last.and_then(|s| solve(&s, &Hold::default(), options.model, true)).map_or(f64::NAN, |s| s.condition);
         }
         at
     }

@@ -26,6 +26,12 @@ impl Sums {
         })
     }
 
+    /// The diagonal of the Hessian if every gradient had no direction, in the same order.
+    fn even(&self) -> Vector6<f64> {
+        let energy = |k: usize| 0.5 * (self.tensor[0][k] + self.tensor[2][k]);
+        Vector6::new(energy(3), energy(5), energy(3), energy(5), energy(0), energy(0))
+    }
+
     /// H^T W r, in the same order.
     pub(super) fn gradient(&self) -> Vector6<f64> {
         let [x, y] = &self.right;
@@ -41,37 +47,84 @@ pub(super) struct Step {
     pub(super) condition: f64,
 }
 
-/// Relative eigenvalue under which a direction counts as invisible; it is then left as predicted.
+/// Visibility under which a direction is held to where it started, the more the less it is seen, for a residual of `misfit` (a share of the contrast);
+/// 1 is what gradients of all directions would show.
+///
+/// The rotation of a drawn disc is seen by the raggedness of its outline alone, some twentieth; and what the raggedness says grows with the square of its size.
+pub(super) fn hardly_seen(misfit: f64) -> f64 {
+    (0.02 + 10.0 * misfit * misfit).min(0.25)
+}
+
+/// Visibility under which a direction counts as invisible; it is then left as it started.
 const INVISIBLE: f64 = 1e-7;
 
-/// The parameters of each model as columns over the six affine ones.
-fn solve_in<const K: usize>(h: &Matrix6<f64>, b: &Vector6<f64>, basis: &SMatrix<f64, 6, K>, exact: bool) -> Option<Step> {
-    let (hk, bk): (SMatrix<f64, K, K>, SVector<f64, K>) = (basis.transpose() * h * basis, basis.transpose() * b);
-    if !hk.iter().chain(bk.iter()).all(|v| v.is_finite()) {
+/// The normal equations with what they are measured against.
+struct Equations<'a> {
+    h: Matrix6<f64>,
+    b: Vector6<f64>,
+    /// The diagonal of the Hessian if the same gradients had all directions: a thin limb is small across, not unseen.
+    even: Vector6<f64>,
+    hold: &'a Hold,
+}
+
+/// What is done about directions that are hardly seen.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Hold {
+    /// How far the motion is from where they are held.
+    pub(super) away: Vector6<f64>,
+    /// Visibility under which they are.
+    pub(super) hardly: f64,
+}
+
+/// Solves in the columns of `basis`, the parameters of a model over the six affine ones.
+fn solve_in<const K: usize>(eq: &Equations, basis: &SMatrix<f64, 6, K>, exact: bool) -> Option<Step> {
+    let (mut h, mut b): (SMatrix<f64, K, K>, SVector<f64, K>) = (basis.transpose() * eq.h * basis, basis.transpose() * eq.b);
+    if !h.iter().chain(b.iter()).all(|v| v.is_finite()) || (0..K).all(|i| h[(i, i)] <= 0.0) {
         return None;
     }
-    let largest = (0..K).fold(0.0f64, |m, i| m.max(hk[(i, i)]));
-    if largest <= 0.0 {
-        return None;
-    }
-    if !exact
-        && let Some(factor) = (hk / largest).cholesky()
-        && (0..K).all(|i| factor.l_dirty()[(i, i)] > 1e-3)
-    {
-        return Some(Step { theta: basis * factor.solve(&(bk / largest)), condition: f64::NAN });
-    }
-    let (values, vectors) = jacobi(hk / largest);
-    let top = values.iter().fold(0.0f64, |m, v| m.max(*v));
-    let mut p = SVector::<f64, K>::zeros();
+    let condition = if exact { condition(&h) } else { f64::NAN };
+    let even: SVector<f64, K> = basis.map(|v| v * v).transpose() * eq.even;
+    let unit = even.map(|v| if v > 0.0 { 1.0 / libm::sqrt(v) } else { 0.0 });
     for i in 0..K {
-        if values[i] > INVISIBLE * top {
-            let v = vectors.column(i);
-            p += v * (v.dot(&bk) / largest / values[i]);
+        b[i] *= unit[i];
+        for j in 0..K {
+            h[(i, j)] *= unit[i] * unit[j];
         }
     }
+    // The trace of the inverse bounds the least eigenvalue from below.
+    let p = match h.cholesky().filter(|f| f.inverse().trace() * eq.hold.hardly < 1.0) {
+        Some(factor) => factor.solve(&b),
+        None => {
+            let mut away: SVector<f64, K> = basis.transpose() * eq.hold.away;
+            for i in 0..K {
+                away[i] *= libm::sqrt(even[i]) / basis.column(i).norm_squared();
+            }
+            held(h, &b, &away, eq.hold.hardly)
+        }
+    };
+    Some(Step { theta: basis * p.component_mul(&unit), condition })
+}
+
+/// The solution with the directions that are hardly seen drawn back by `away`.
+fn held<const K: usize>(h: SMatrix<f64, K, K>, b: &SVector<f64, K>, away: &SVector<f64, K>, hardly: f64) -> SVector<f64, K> {
+    let (values, vectors) = jacobi(h);
+    let mut p = SVector::<f64, K>::zeros();
+    for i in 0..K {
+        let v = vectors.column(i);
+        let hold = (hardly - values[i]).max(0.0);
+        let seen = if values[i] > INVISIBLE { v.dot(b) } else { 0.0 };
+        p += v * ((seen + hold * v.dot(away)) / (values[i].max(0.0) + hold));
+    }
+    p
+}
+
+/// Largest over least eigenvalue.
+fn condition<const K: usize>(h: &SMatrix<f64, K, K>) -> f64 {
+    let largest = (0..K).fold(0.0f64, |m, i| m.max(h[(i, i)]));
+    let (values, _) = jacobi(h / largest);
+    let top = values.iter().fold(0.0f64, |m, v| m.max(*v));
     let least = values.iter().fold(f64::INFINITY, |m, v| m.min(*v));
-    let condition = if least > 0.0 { top / least } else { f64::INFINITY };
-    Some(Step { theta: basis * p, condition })
+    if least > 0.0 { top / least } else { f64::INFINITY }
 }
 
 /// Eigenvalues and vectors of a small symmetric matrix by cyclic Jacobi rotations: a fixed count of sweeps, so it always ends.
@@ -103,21 +156,27 @@ fn jacobi<const K: usize>(mut a: SMatrix<f64, K, K>) -> (SVector<f64, K>, SMatri
     (a.diagonal(), v)
 }
 
-/// Solves for the increment of `model`. `exact` also finds the condition number; else it may be not-a-number.
+/// How far `motion` is from `start` as the increment that would lead from the one to the other, to first order, in the units of [`increment`].
+pub(super) fn away(motion: &Affine, start: &Affine, centre: [f64; 2], scale: f64) -> Vector6<f64> {
+    let Some(back) = invert(start) else { return Vector6::zeros() };
+    let e = compose(&back, motion);
+    let d = apply(&e, centre.into()) - Vector2::from(centre);
+    Vector6::new((e[(0, 0)] - 1.0) * scale, e[(0, 1)] * scale, e[(1, 0)] * scale, (e[(1, 1)] - 1.0) * scale, d.x, d.y)
+}
+
+/// Solves for the increment of `model`; what is hardly seen is led back as `hold` says. `exact` also finds the condition number; else it may be not-a-number.
 /// `None` where nothing can be seen (no gradient) or a sum is not finite.
-pub(super) fn solve(sums: &Sums, model: Model, exact: bool) -> Option<Step> {
-    let (h, b) = (sums.hessian(), sums.gradient());
+pub(super) fn solve(sums: &Sums, hold: &Hold, model: Model, exact: bool) -> Option<Step> {
+    let eq = Equations { h: sums.hessian(), b: sums.gradient(), even: sums.even(), hold };
     let dx = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     let dy = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let turn = [0.0, -1.0, 1.0, 0.0, 0.0, 0.0];
     let grow = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0];
     match model {
-        Model::Translation => solve_in(&h, &b, &SMatrix::<f64, 6, 2>::from_columns(&[dx.into(), dy.into()]), exact),
-        Model::Rigid => solve_in(&h, &b, &SMatrix::<f64, 6, 3>::from_columns(&[turn.into(), dx.into(), dy.into()]), exact),
-        Model::Similarity => {
-            solve_in(&h, &b, &SMatrix::<f64, 6, 4>::from_columns(&[turn.into(), grow.into(), dx.into(), dy.into()]), exact)
-        }
-        Model::Affine => solve_in(&h, &b, &Matrix6::identity(), exact),
+        Model::Translation => solve_in(&eq, &SMatrix::<f64, 6, 2>::from_columns(&[dx.into(), dy.into()]), exact),
+        Model::Rigid => solve_in(&eq, &SMatrix::<f64, 6, 3>::from_columns(&[turn.into(), dx.into(), dy.into()]), exact),
+        Model::Similarity => solve_in(&eq, &SMatrix::<f64, 6, 4>::from_columns(&[turn.into(), grow.into(), dx.into(), dy.into()]), exact),
+        Model::Affine => solve_in(&eq, &Matrix6::identity(), exact),
     }
 }
 

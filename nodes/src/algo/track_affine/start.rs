@@ -95,6 +95,35 @@ pub(super) fn carrying(from: &Moments, to: &Moments, turns: usize) -> Vec<Affine
         .collect()
 }
 
+/// The map that carries the moments `from` to `to` and turns as `last` does: the least displacement between the two, once turned.
+///
+/// The symmetric factor is the optimal transport between the turned spread A and the new one B, A^-1/2 (A^1/2 B A^1/2)^1/2 A^-1/2, whose own rotation is none;
+/// so a disc that is squashed is squashed and not turned, and nothing adds up over the frames. `None` where a spread is singular.
+pub(super) fn transport(from: &Moments, to: &Moments, last: &Affine) -> Option<Affine> {
+    let turn = rotation(last);
+    let a = turn * from.spread * turn.transpose();
+    let half = root(&a);
+    let back = half.try_inverse()?;
+    let linear = back * root(&(half * to.spread * half)) * back * turn;
+    let t = to.centre - linear * from.centre;
+    let m = Affine::from_columns(&[linear.column(0).into(), linear.column(1).into(), t]);
+    is_sane(&m).then_some(m)
+}
+
+/// The rotation of the polar decomposition of a map that keeps orientation.
+fn rotation(m: &Affine) -> Matrix2<f64> {
+    let (c, s) = (m[(0, 0)] + m[(1, 1)], m[(1, 0)] - m[(0, 1)]);
+    let size = libm::hypot(c, s);
+    if size > 1e-12 { Matrix2::new(c, -s, s, c) / size } else { Matrix2::identity() }
+}
+
+/// How far the linear part of `m` is from that of the nearest of `anchors`: 0 for equal, 1 for 60 degrees, 2 at most.
+pub(super) fn unrest(m: &Affine, anchors: &[Affine]) -> f64 {
+    let linear = |m: &Affine| m.fixed_view::<2, 2>(0, 0).into_owned();
+    let from_anchor = |a: &Affine| linear(a).try_inverse().map(|i| (linear(m) * i - Matrix2::identity()).norm() / std::f64::consts::SQRT_2);
+    anchors.iter().filter_map(from_anchor).fold(2.0, f64::min)
+}
+
 /// The motion after `last` at constant velocity, given the one before it; `None` where that is not a sane map.
 pub(super) fn extrapolate(last: &Affine, before: &Affine) -> Option<Affine> {
     let next = compose(&compose(last, &invert(before)?), last);

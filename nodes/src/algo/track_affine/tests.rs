@@ -193,7 +193,7 @@ fn robust_weights_ignore_an_occluder() {
         let t = Template::new(grey(&a, 160), Region::Box([40.0, 35.0, 120.0, 105.0]), &Options { robust, ..Options::default() }).unwrap();
         texture_error(&t.track(grey(&b, 160), None, &Start::default()).unwrap().motion, &motion)
     };
-    assert!(error(Robust::GemanMcClure) < 0.05, "{}", error(Robust::GemanMcClure));
+    assert!(error(Robust::GemanMcclure) < 0.05, "{}", error(Robust::GemanMcclure));
     assert!(error(Robust::Huber) < 0.5 * error(Robust::None));
 }
 
@@ -296,6 +296,61 @@ fn moments_carry_an_ellipse_onto_its_image() {
     let closest = carrying(&a, &b, 360).iter().map(|m| texture_error(m, &motion)).fold(f64::INFINITY, f64::min);
     assert!(closest < 0.7, "{closest} px");
     assert!(moments(&[0.0; 64], 8).is_none() && moments(&[], 8).is_none() && moments(&[1.0], 0).is_none());
+}
+
+/// A flat red drawing without grey edges on white, and its matte: an ellipse of semi-axes `r` about `c`.
+fn drawn_ball(c: [f64; 2], r: [f64; 2]) -> (Vec<f32>, Vec<f32>) {
+    let inside = |i: usize| {
+        let (x, y) = ((i % 82) as f64 + 0.5 - c[0], (i / 82) as f64 + 0.5 - c[1]);
+        (x / r[0]).powi(2) + (y / r[1]).powi(2) < 1.0
+    };
+    let matte: Vec<f32> = (0..82 * 82).map(|i| f32::from(u8::from(inside(i)))).collect();
+    (matte.iter().flat_map(|&m| [1.0 - 0.15 * m, 1.0 - 0.99 * m, 1.0 - 0.98 * m]).collect(), matte)
+}
+
+#[test]
+fn a_ball_without_features_squashes_and_does_not_turn() {
+    let drawings = [
+        ([36.2, 58.7], [9.4, 9.4]),
+        ([35.1, 50.3], [9.2, 9.7]),
+        ([37.9, 44.6], [9.6, 9.3]),
+        ([36.8, 52.2], [8.4, 10.6]),
+        ([36.4, 58.3], [9.5, 9.4]),
+        ([36.5, 60.9], [12.0, 7.4]),
+        ([40.5, 54.1], [9.4, 9.4]),
+    ];
+    let (reference, matte) = drawn_ball(drawings[0].0, drawings[0].1);
+    fn ball(data: &[f32]) -> Raster<'_> {
+        Raster::new(data, 82, 82, 3).unwrap()
+    }
+    let t = Template::new(ball(&reference), Region::Matte(&matte), &Options::default()).unwrap();
+    let mut start = Start::default();
+    for (k, (centre, radii)) in drawings.into_iter().enumerate() {
+        let (frame, matte) = drawn_ball(centre, radii);
+        let m = t.track(ball(&frame), Some(&matte), &start).unwrap();
+        let turned = libm::atan2(m.motion[(1, 0)] - m.motion[(0, 1)], m.motion[(0, 0)] + m.motion[(1, 1)]).to_degrees();
+        assert!(turned.abs() < 6.0, "drawing {k} turned by {turned} degrees: {m:?}");
+        let (sx, sy) = (m.motion[(0, 0)] * 9.4 / radii[0], m.motion[(1, 1)] * 9.4 / radii[1]);
+        assert!((sx - 1.0).abs() < 0.06 && (sy - 1.0).abs() < 0.06, "drawing {k} is {sx} by {sy} of what is drawn: {m:?}");
+        let at = apply(&m.motion, Vector2::from(drawings[0].0)) - Vector2::from(centre);
+        assert!(at.norm() < 0.5, "drawing {k} is off by {at}: {m:?}");
+        start = Start { last: m.motion, before: (k > 0).then_some(start.last) };
+    }
+}
+
+#[test]
+fn the_calmest_map_between_moments_keeps_the_turn_and_nothing_else() {
+    let disc = Moments { mass: 100.0, centre: Vector2::new(10.0, 20.0), spread: Matrix2::identity() * 25.0 };
+    let (s, c) = libm::sincos(0.4);
+    let turn = Matrix2::new(c, -s, s, c);
+    let squashed = Moments { mass: 100.0, centre: Vector2::new(14.0, 18.0), spread: Matrix2::new(36.0, 5.0, 5.0, 16.0) };
+    let last = Affine::from_columns(&[turn.column(0).into(), turn.column(1).into(), Vector2::zeros()]);
+    let m = transport(&disc, &squashed, &last).unwrap();
+    let linear = m.fixed_view::<2, 2>(0, 0).into_owned();
+    let stretch = linear * turn.transpose();
+    assert!((stretch - stretch.transpose()).norm() < 1e-12, "{stretch}");
+    assert!((linear * disc.spread * linear.transpose() - squashed.spread).norm() < 1e-9);
+    assert!((apply(&m, disc.centre) - squashed.centre).norm() < 1e-12);
 }
 
 proptest! {
