@@ -4,6 +4,8 @@ pub mod algo;
 mod cel;
 mod comp;
 pub mod data;
+#[cfg(test)]
+mod footage_tests;
 mod image;
 mod io;
 mod matte;
