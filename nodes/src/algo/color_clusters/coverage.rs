@@ -26,6 +26,7 @@ pub fn alpha(image: Raster<'_>, model: &Model, options: &Options, out: &mut [f32
     kernel::clip(out, options.clip.0 as f32, options.clip.1 as f32);
     if options.edge > 0.0 {
         solve_edge(image, model, options, &mask, out);
+        settle_doubts(image.width, options, &mask, out);
     }
     let (area, _) = kernel::mean_and_ambiguity(out);
     Ok(Status { area, log_likelihood: log_likelihood / n as f64, ambiguity })
@@ -75,6 +76,21 @@ fn tidy_mask(image: Raster<'_>, options: &Options, out: &mut [f32]) -> Vec<bool>
         }
     }
     mask
+}
+
+/// Takes the doubts away that lie further from the outline than its band: faint specks of the ground where specks go, pinholes of the layer where holes do.
+fn settle_doubts(width: usize, options: &Options, mask: &[bool], out: &mut [f32]) {
+    let reach = options.edge.ceil() as usize + 2;
+    if options.min_area > 0.0 {
+        let mut near = mask.to_vec();
+        regions::dilate(&mut near, width, reach);
+        out.iter_mut().zip(&near).filter(|(_, near)| !**near).for_each(|(o, _)| *o = 0.0);
+    }
+    if options.fill_holes > 0.0 {
+        let mut near: Vec<bool> = mask.iter().map(|m| !m).collect();
+        regions::dilate(&mut near, width, reach);
+        out.iter_mut().zip(&near).filter(|(_, near)| !**near).for_each(|(o, _)| *o = 1.0);
+    }
 }
 
 /// Solves the band of mixed pixels.
