@@ -39,7 +39,7 @@ fn give_ink(out: &mut [f32], ink: &[f32], width: usize, options: &Options) {
     }
     // A speck of grain with the colour of the layer owns no ink.
     let mut layer: Vec<bool> = out.iter().map(|p| *p > 0.5).collect();
-    regions::tidy(&mut layer, width, regions::Tidy { min_area: options.min_area, max_hole: 0.0, largest_only: options.largest_component });
+    regions::tidy(&mut layer, width, regions::Tidy { min_area: options.min_area, max_hole: 0.0, largest_only: false });
     let owned = regions::owned_ink(&layer, ink, width, options.ink);
     for ((o, i), owned) in out.iter_mut().zip(ink).zip(owned) {
         if owned {
