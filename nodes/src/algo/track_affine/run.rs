@@ -1,5 +1,7 @@
 //! One attempt at one frame: from the first guesses down the pyramid.
 
+use nalgebra::Vector6;
+
 use super::level::{Fit, Level, Scratch};
 use super::planes::{Key, Planes, Window, crop, gaussian_taps, pyramid, smoothed};
 use super::region::{has_finite, window_of};
@@ -21,7 +23,7 @@ const FITS_WELL: f64 = 0.03;
 /// What a start pays for each unit of unrest: an outline without features fits many ways, and the calmest is the one that is meant.
 const CALM: f64 = 0.04;
 /// Unrest between a start and the calmest motion under which the latter says what cannot be seen.
-const NEARLY_CALM: f64 = 0.5;
+const NEARLY_CALM: f64 = 0.2;
 /// Condition number beyond which a direction counts as unseen.
 const UNSEEN: f64 = 1e6;
 
@@ -245,7 +247,7 @@ impl Run<'_> {
         let too_far = template.scale;
         let mut at = Refined { motion: start, start: anchor, status: Status::Unfinished, fit: Fit::default(), condition: f64::NAN };
         let mut last = None;
-        let (mut share, mut before) = (1.0, f64::INFINITY);
+        let (mut share, mut before) = (1.0, Vector6::zeros());
         for _ in 0..options.iterations {
             self.iterations += 1;
             let overlap = level.sample(frame, self.size, &at.motion, &mut self.scratch);
@@ -263,7 +265,8 @@ impl Run<'_> {
                 return Refined { motion: start, status: Status::Textureless, ..at };
             };
             last = Some(sums);
-            let step = increment(&(step.theta * share), options.model, template.centre, template.scale);
+            let theta = step.theta * share;
+            let step = increment(&theta, options.model, template.centre, template.scale);
             let moved = distance(&step, &identity(), template.bounds);
             let Some(next) = update(&at.motion, &step).filter(|_| moved <= too_far) else {
                 at.motion = start;
@@ -274,11 +277,11 @@ impl Run<'_> {
                 at.status = Status::Converged;
                 break;
             }
-            // Steps that do not get shorter go to and fro between two sides of a ragged minimum.
-            if moved > 0.7 * before {
+            // Steps that do not get shorter go to and fro between the sides of a ragged minimum.
+            if l == 0 && theta.norm_squared() > 0.5 * before.norm_squared() && before != Vector6::zeros() {
                 share *= 0.6;
             }
-            before = moved;
+            before = theta;
         }
         if l == 0 {
             at.condition = last.and_then(|s| solve(&s, &Hold::default(), options.model, true)).map_or(f64::NAN, |s| s.condition);

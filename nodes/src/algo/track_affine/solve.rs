@@ -52,7 +52,7 @@ pub(super) struct Step {
 ///
 /// The rotation of a drawn disc is seen by the raggedness of its outline alone, some twentieth; and what the raggedness says grows with the square of its size.
 pub(super) fn hardly_seen(misfit: f64) -> f64 {
-    (0.02 + 10.0 * misfit * misfit).min(0.25)
+    (0.02 + 10.0 * misfit * misfit).min(0.12)
 }
 
 /// Visibility under which a direction counts as invisible; it is then left as it started.
