@@ -115,7 +115,13 @@ impl From<Effort> for Level {
 
 /// Writes pictures: PNG, JPEG, TIFF or OpenEXR, by the path's extension.
 #[derive(Node)]
-#[node(id = "io.write_images", version = 1, kind = sink, source = "PNG, JPEG, TIFF 6.0 and OpenEXR specifications")]
+#[node(
+    id = "io.write_images",
+    version = 1,
+    kind = sink,
+    source = "PNG, JPEG, TIFF 6.0 and OpenEXR specifications",
+    example = "\"out\": (type: \"io.write_images\", image: \"@comp\", path: \"$out/hat.####.exr\", compression: piz)"
+)]
 pub(crate) struct IoWriteImages {
     /// The picture: linear light, premultiplied alpha.
     image: In<Image>,

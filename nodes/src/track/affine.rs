@@ -244,7 +244,10 @@ impl Recurrent for TrackAffine {
     }
 
     fn previous(&self, cx: &Context) -> Option<i64> {
-        match cx.frame.cmp(&self.reference(cx)) {
+        let reference = self.reference(cx);
+        // A chain cannot start outside the clock: the read of that frame says so.
+        cx.clock.index(reference)?;
+        match cx.frame.cmp(&reference) {
             std::cmp::Ordering::Less => Some(cx.frame + 1),
             std::cmp::Ordering::Equal => None,
             std::cmp::Ordering::Greater => Some(cx.frame - 1),
