@@ -38,7 +38,8 @@ fn overlap(a: &Matte, b: &Matte) -> f64 {
 
 /// The box of what a matte covers, as four corners.
 fn corners(matte: &Matte) -> [[f64; 2]; 4] {
-    let covered = (0..matte.alpha().len()).filter(|&i| matte.alpha()[i] > 0.5).map(|i| ((i % matte.width()) as f64, (i / matte.width()) as f64));
+    let covered =
+        (0..matte.alpha().len()).filter(|&i| matte.alpha()[i] > 0.5).map(|i| ((i % matte.width()) as f64, (i / matte.width()) as f64));
     let (mut least, mut greatest) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for (x, y) in covered {
         least = [least[0].min(x), least[1].min(y)];
@@ -63,7 +64,7 @@ fn the_hat_is_cut_out_and_followed() {
         "plate": (type: "cel.scene", scene: hat, size: (320, 180), grain: 2.0, hold: 2),
         "matte": (
             type: "matte.color_clusters", image: "@plate", fill_holes: inf, largest_component: true,
-            foreground: [(0.36, 0.58, 0.83), (0.65, 0.80, 0.96), (0.25, 0.46, 0.73), (0.18, 0.36, 0.62), (0.77, 0.38, 0.53)],
+            foreground: [(0.36, 0.58, 0.83), (0.65, 0.80, 0.96), (0.25, 0.46, 0.73), (0.18, 0.36, 0.62), (0.77, 0.38, 0.53), (0.43, 0.08, 0.24)],
         ),
         "track": (type: "track.affine", image: "@plate", matte: "@matte")"#;
     let graph = graph_in(Path::new("."), 48, nodes);
@@ -71,7 +72,6 @@ fn the_hat_is_cut_out_and_followed() {
     let (mattes, truths) = (typed::<Matte>(&found[0]), typed::<Matte>(&found[1]));
     let overlaps: Vec<f64> = mattes.iter().zip(&truths).map(|(a, b)| overlap(a, b)).collect();
     let worst = overlaps.iter().copied().fold(1.0, f64::min);
-    println!("matte: mean IoU {:.4}, worst {worst:.4}", mean(&overlaps));
 
     let motions = |k: usize| typed::<Affine2>(&found[k]).iter().map(|m| Affine::from(m.as_ref())).collect::<Vec<_>>();
     let (tracked, scene) = (motions(2), motions(3));
@@ -83,7 +83,8 @@ fn the_hat_is_cut_out_and_followed() {
     };
     let errors: Vec<f64> = tracked.iter().zip(&scene).map(error).collect();
     let status: Vec<f64> = typed::<Curve>(&found[4]).iter().map(|c| c.value).collect();
-    println!("track: mean corner error {:.3} px, worst {:.3} px, status {status:?}", mean(&errors), greatest(&errors));
-    assert!(mean(&overlaps) > 0.9 && worst > 0.8, "mean IoU {}, worst {worst}", mean(&overlaps));
-    assert!(mean(&errors) < 2.0 && greatest(&errors) < 4.0, "mean corner error {} px, worst {} px", mean(&errors), greatest(&errors));
+    // Found: mean 0.965, worst 0.949; the feather is as red as the curtain, and ink is nobody's. Found: mean 0.24 px, worst 0.54 px.
+    assert!(mean(&overlaps) > 0.955 && worst > 0.935, "mean IoU {}, worst {worst}", mean(&overlaps));
+    assert!(mean(&errors) < 0.35 && greatest(&errors) < 0.8, "mean corner error {} px, worst {} px", mean(&errors), greatest(&errors));
+    assert!(status.iter().all(|s| *s == 0.0), "expected every frame to converge, found {status:?}");
 }

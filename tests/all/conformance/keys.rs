@@ -52,7 +52,8 @@ fn keys(graph: &Graph) -> Result<BTreeSet<String>, String> {
 fn pictures(folder: &Path) {
     for (name, level) in [("a", 0.2), ("b", 0.7)] {
         for frame in 1..=4 {
-            let picture = pegbar_nodes::algo::codec::Picture::new(vec![level + frame as f32 * 0.05; 2 * 2 * 3], 2, 2, &["R", "G", "B"]).unwrap();
+            let picture =
+                pegbar_nodes::algo::codec::Picture::new(vec![level + frame as f32 * 0.05; 2 * 2 * 3], 2, 2, &["R", "G", "B"]).unwrap();
             let options = pegbar_nodes::algo::codec::EncodeOptions::new(pegbar_nodes::algo::codec::Format::Png);
             let bytes = pegbar_nodes::algo::codec::encode_to_vec(&picture, &options).unwrap();
             std::fs::write(folder.join(format!("{name}.{frame:04}.png")), bytes).unwrap();

@@ -123,7 +123,8 @@ fn graphs_in_the_documentation_are_graphs() {
     let mut seen = 0;
     for file in files_below("nodes/src", ".rs") {
         let text = std::fs::read_to_string(root().join(&file)).unwrap();
-        let doc: String = text.lines().filter_map(|l| l.strip_prefix("//!")).map(|l| format!("{}\n", l.strip_prefix(' ').unwrap_or(l))).collect();
+        let doc: String =
+            text.lines().filter_map(|l| l.strip_prefix("//!")).map(|l| format!("{}\n", l.strip_prefix(' ').unwrap_or(l))).collect();
         for block in doc.split("```ron\n").skip(1).filter_map(|b| b.split("```").next()) {
             seen += 1;
             wrong.extend(wrong_with(block).into_iter().map(|w| format!("{file}:\n{w}")));

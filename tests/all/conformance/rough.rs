@@ -32,7 +32,8 @@ fn graph(folder: &Path, node: &NodeType, kind: Kind, at: Option<&str>, optional:
     let at_input = |i: &InputSchema| if at.is_none_or(|a| a == i.name) { kind } else { Kind::Ordinary };
     let mut given = fields(&node.schema, at_input);
     let missing = values(node).into_iter().filter(|i| optional && !given.iter().any(|(n, _)| n == i.name));
-    let more: Vec<_> = missing.filter_map(|i| Some((i.name.to_owned(), super::standin::reference(&node.schema, i, at_input(i))?))).collect();
+    let more: Vec<_> =
+        missing.filter_map(|i| Some((i.name.to_owned(), super::standin::reference(&node.schema, i, at_input(i))?))).collect();
     given.extend(more);
     // A type that does not take such values has no file of them.
     let names = given.iter().filter_map(|(_, v)| v.trim_matches('"').strip_prefix('@'));
@@ -50,7 +51,9 @@ fn ordinary_values_are_taken_by_every_node() {
         for optional in [false, true] {
             let graph = graph(folder.path(), node, Kind::Ordinary, None, optional).expect("stand-ins for every type");
             match errors(folder.path(), &registry, &graph) {
-                Ok(errors) => wrong.extend(errors.into_iter().filter(|e| e.fault == Fault::Internal).map(|e| format!("{}: {e}", node.schema.id))),
+                Ok(errors) => {
+                    wrong.extend(errors.into_iter().filter(|e| e.fault == Fault::Internal).map(|e| format!("{}: {e}", node.schema.id)))
+                }
                 Err(why) => wrong.push(format!("{}: {why}", node.schema.id)),
             }
         }

@@ -37,8 +37,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    pub(super) const WRONG: [Self; 7] =
-        [Self::Empty, Self::One, Self::NoChannels, Self::Nan, Self::Infinite, Self::Huge, Self::Constant];
+    pub(super) const WRONG: [Self; 7] = [Self::Empty, Self::One, Self::NoChannels, Self::Nan, Self::Infinite, Self::Huge, Self::Constant];
 
     fn name(self) -> String {
         format!("{self:?}").to_lowercase()

@@ -13,7 +13,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use pegbar_engine::check::LoadOptions;
+use pegbar_engine::check::{LoadOptions, code};
+use pegbar_engine::diag::Diagnostic;
 use pegbar_engine::graph::Graph;
 use pegbar_engine::npz;
 use pegbar_engine::value::{ValueRef, digest, downcast};
@@ -207,7 +208,12 @@ fn report(graph: &str, outputs: &Outputs, wrong: &[(String, i64, String)]) -> St
 /// A graph for others: nothing may be wrong with it but parameters that wait for their values.
 fn only_check(name: &str, sidecar: &Sidecar, out: PathBuf) -> Result<(), String> {
     let loaded = read(&root().join(name), &options(sidecar, out));
-    let waits = |d: &pegbar_engine::diag::Diagnostic| d.labels.iter().any(|l| l.text.contains("declared without a default"));
+    let waits = |d: &Diagnostic| match d.code {
+        code::MISSING_INPUT => d.message.starts_with("expected a value for parameter"),
+        // The frames are those of the graph that uses it.
+        code::FRAMES => d.message.starts_with("expected `frames` in the graph"),
+        _ => false,
+    };
     if loaded.diagnostics.iter().all(waits) {
         return Ok(());
     }
