@@ -126,6 +126,24 @@ fn pictures_that_say_they_are_huge_are_refused_before_anything_is_allocated() {
 }
 
 #[test]
+fn a_small_picture_in_a_vast_frame_is_refused_where_the_frame_is_filled() {
+    let shot = footage();
+    let mut bytes = shot.get("p.2.exr");
+    let window = b"displayWindow\0box2i\0";
+    let at = bytes.windows(window.len()).position(|w| w == window).unwrap() + window.len() + 4;
+    bytes[at + 8..at + 16].copy_from_slice(&[199_999i32.to_le_bytes(), 199_999i32.to_le_bytes()].concat());
+    shot.put("p.2.exr", &bytes);
+    shot.graph(3, &copy("exr"));
+    one_error("written as PNG", &shot.run(), 1, &["error[PB0500]", "at frame 2", "200000 x 200000"]);
+    assert_eq!(shot.names("out"), ["o.1.png", "o.3.png"]);
+    shot.graph(
+        3,
+        r#""image": (type: "io.read_images", path: "p.#.exr"), "out": (type: "io.write_images", image: "@image", path: "$out/o.#.exr"),"#,
+    );
+    assert_eq!(shot.run().code, 0, "a file that says where its samples lie holds it");
+}
+
+#[test]
 fn a_missing_frame_is_found_before_anything_runs() {
     let shot = footage();
     shot.graph(3, &copy("png"));

@@ -205,7 +205,7 @@ impl PerFrame for IoWriteImages {
         let mut image = self.image.shared()?;
         // Only OpenEXR says where its samples lie; every other format holds the display window.
         if format != Format::Exr && image.data_window() != image.display_window() {
-            image = Arc::new(image.in_display().into_owned());
+            image = Arc::new(image.in_display()?.into_owned());
         }
         let picture = picture::to_picture(Arc::unwrap_or_clone(image))?;
         // Packed in memory first, so that a picture that the format cannot hold touches no disk.

@@ -34,10 +34,15 @@ pub(super) enum Kind {
     Huge,
     /// All the same: nothing to hold on to.
     Constant,
+    /// Pictures that fill a part of what is shown, and reach beyond it.
+    Shifted,
+    /// Pictures in a frame larger than any memory.
+    Vast,
 }
 
 impl Kind {
-    pub(super) const WRONG: [Self; 7] = [Self::Empty, Self::One, Self::NoChannels, Self::Nan, Self::Infinite, Self::Huge, Self::Constant];
+    pub(super) const WRONG: [Self; 9] =
+        [Self::Empty, Self::One, Self::NoChannels, Self::Nan, Self::Infinite, Self::Huge, Self::Constant, Self::Shifted, Self::Vast];
 
     fn name(self) -> String {
         format!("{self:?}").to_lowercase()
@@ -91,7 +96,17 @@ impl Kind {
     /// A value of this kind; `None` where the type does not take it.
     fn value(self, ty: &ValueType, offset: usize) -> Option<ValueRef> {
         let arrays = ty.schema.arrays.iter().map(|a| (a.name.to_owned(), self.array(a.dtype, a.shape, offset)));
-        (ty.from_parts)(OwnedParts { arrays: arrays.collect(), ..OwnedParts::default() }).ok()
+        let mut parts = OwnedParts { arrays: arrays.collect(), ..OwnedParts::default() };
+        let windows = match self {
+            Kind::Shifted => Some(([-3, 4, 9, 13], [0, 0, 12, 9])),
+            Kind::Vast => Some(([0, 0, 12, 9], [-1_000_000, -1_000_000, 1_000_000, 1_000_000])),
+            _ => None,
+        };
+        if let Some((data, display)) = windows.filter(|_| ty.schema.texts.iter().any(|t| t.name == "data_window")) {
+            parts.meta.insert("data_window".to_owned(), data.as_slice().into());
+            parts.meta.insert("display_window".to_owned(), display.as_slice().into());
+        }
+        (ty.from_parts)(parts).ok()
     }
 }
 
