@@ -377,14 +377,16 @@ impl InputPath {
     /// # Errors
     /// Where the folder cannot be listed.
     pub fn frames(&self) -> std::io::Result<Vec<i64>> {
-        let folder = match Path::new(&self.at(0)).parent() {
-            Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
-            _ => PathBuf::from("."),
-        };
+        let any = self.at(0);
+        let folder = any.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let any_name = any.file_name().unwrap_or_default().to_string_lossy().len();
+        // Before the names stands what the pattern has there: a listing of `.` would begin with `./`.
+        let whole = any.to_string_lossy();
+        let before = whole.get(..whole.len().saturating_sub(any_name)).unwrap_or_default();
         let mut frames = Vec::new();
         for entry in std::fs::read_dir(folder)? {
-            let path = entry?.path();
-            frames.extend(self.0.frame_of(&path.to_string_lossy()));
+            let name = entry?.file_name();
+            frames.extend(self.0.frame_of(&format!("{before}{}", name.to_string_lossy())));
         }
         frames.sort_unstable();
         Ok(frames)

@@ -51,7 +51,7 @@ pub enum Operation {
     Hypot,
     /// A / B; 0 where B is 0 or both are negative.
     Divide,
-    /// A.
+    /// A alone.
     Copy,
     /// A + B (1 − a) / b, and A + B where a + b < 1: the two never cover the same part of a pixel.
     DisjointOver,

@@ -31,9 +31,9 @@ use crate::data::Image;
     example = "\"lit\": (type: \"comp.merge\", fg: \"@glow\", bg: \"@plate\", operation: screen)"
 )]
 pub(crate) struct CompMerge {
-    /// A.
+    /// The picture in front: A of the formulas.
     fg: In<Image>,
-    /// B.
+    /// The picture behind: B of the formulas.
     bg: In<Image>,
     /// The formula.
     #[input(default = over)]

@@ -11,11 +11,11 @@ pub(crate) use over::CompOver;
 use std::sync::Arc;
 
 use pegbar_engine::Outputs;
-use pegbar_engine::node::{In, NodeError};
+use pegbar_engine::node::{Fault, In, NodeError};
 
 use crate::algo::merge::{MergeError, MergeOptions, Operation, merge, merge_in_place};
 use crate::algo::warp_affine::Source;
-use crate::data::Image;
+use crate::data::{Image, LARGEST};
 
 /// The merged picture.
 #[derive(Outputs)]
@@ -78,8 +78,10 @@ fn merged(fg: In<Image>, bg: In<Image>, operation: Operation, opacity: f64) -> R
         Ok(image) => Arc::new(image),
         Err(shared) => shared,
     };
-    let len =
-        window.samples(channels).ok_or_else(|| NodeError::input("expected a picture that fits into memory, found one that does not"))?;
+    let len = window.samples(channels).filter(|n| *n <= LARGEST).ok_or_else(|| {
+        let message = format!("expected a picture of at most 16 GiB of samples, found {} x {}", window.width, window.height);
+        NodeError::new(Fault::Limit, message)
+    })?;
     let mut samples = vec![0.0; len];
     merge(foreground, Source::new(bg.raster(), source(&bg)), options, &mut samples, window).map_err(refused)?;
     let image = Image::new(window.width, window.height, channels, samples)

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use pegbar_engine::Value;
 use pegbar_engine::array::NdArray;
+use pegbar_engine::node::{Fault, NodeError};
 
 use crate::algo::raster::Raster;
 use crate::algo::window::Window;
@@ -25,6 +26,9 @@ pub struct Image {
     #[value(text)]
     display_window: Option<Window>,
 }
+
+/// Samples of the largest picture that is made: 16 GiB.
+pub(crate) const LARGEST: usize = 1 << 32;
 
 const NAMES: [&[&str]; 5] = [&[], &["Y"], &["Y", "A"], &["R", "G", "B"], &["R", "G", "B", "A"]];
 
@@ -131,23 +135,30 @@ impl Image {
     }
 
     /// The picture in all of its display window and nothing else, transparent where it has no samples; itself where it fills that already.
-    pub fn in_display(&self) -> Cow<'_, Self> {
+    ///
+    /// # Errors
+    /// Where the display window is larger than any picture that is made: a small file can say so.
+    pub fn in_display(&self) -> Result<Cow<'_, Self>, NodeError> {
         let (own, display) = (self.data_window(), self.display_window());
         if own == display {
-            return Cow::Borrowed(self);
+            return Ok(Cow::Borrowed(self));
         }
         let (channels, common) = (self.n_channels(), own.intersect(&display));
-        let mut samples = vec![0.0; display.width * display.height * channels];
+        let len = display.samples(channels).filter(|n| *n <= LARGEST).ok_or_else(|| {
+            let message = format!("expected a display window of at most 16 GiB of samples, found {} x {}", display.width, display.height);
+            NodeError::new(Fault::Limit, message).help("crop the picture first")
+        })?;
+        let mut samples = vec![0.0; len];
         for y in common.y..common.y + common.height as i64 {
             let from = ((y - own.y) as usize * own.width + (common.x - own.x) as usize) * channels;
             let into = ((y - display.y) as usize * display.width + (common.x - display.x) as usize) * channels;
             let n = common.width * channels;
             samples[into..into + n].copy_from_slice(&self.samples()[from..from + n]);
         }
-        match NdArray::new([display.height, display.width, channels], samples) {
+        Ok(match NdArray::new([display.height, display.width, channels], samples) {
             Some(pixels) => Cow::Owned(Self { pixels, data_window: Some(display), ..self.clone_frame() }),
             None => Cow::Borrowed(self),
-        }
+        })
     }
 
     fn validate(&self) -> Result<(), String> {

@@ -8,6 +8,7 @@ mod weights;
 
 pub use affine::Affine2;
 pub use image::Image;
+pub(crate) use image::LARGEST;
 pub use matte::Matte;
 pub use shape::{KeyShapes, Shape};
 pub use weights::Weights;

@@ -40,7 +40,7 @@ use pegbar_engine::node::NodeError;
 use crate::algo::raster::Affine;
 use crate::algo::warp_affine::{Outside, Source, WarpOptions, bounds, warp_affine as warp_samples};
 use crate::algo::window::Window;
-use crate::data::Image;
+use crate::data::{Image, LARGEST};
 
 /// The picture that comes out.
 #[derive(Outputs)]
@@ -68,9 +68,6 @@ fn made(from: &Image, window: Window, make: impl FnOnce(Source<'_>, &mut [f32]) 
     make(Source::new(from.raster(), [own.x, own.y]), &mut samples)?;
     picture(from, window, from.display_window(), samples)
 }
-
-/// Samples of the largest picture that is made: 16 GiB.
-const LARGEST: usize = 1 << 32;
 
 fn too_large() -> NodeError {
     NodeError::new(pegbar_engine::node::Fault::Limit, "expected a picture of at most 16 GiB, found a larger one")

@@ -28,7 +28,14 @@ pub(crate) struct IoReadImageOutputs {
 
 /// Reads one picture: PNG, JPEG, TIFF or OpenEXR.
 #[derive(Node)]
-#[node(id = "io.read_image", version = 1, kind = source, outputs = IoReadImageOutputs, source = "PNG, JPEG, TIFF 6.0 and OpenEXR specifications")]
+#[node(
+    id = "io.read_image",
+    version = 1,
+    kind = source,
+    outputs = IoReadImageOutputs,
+    source = "PNG, JPEG, TIFF 6.0 and OpenEXR specifications",
+    example = "\"art\": (type: \"io.read_image\", path: \"art/witch_hat.png\")"
+)]
 pub(crate) struct IoReadImage {
     /// The file, from the graph's folder.
     path: InputPath,

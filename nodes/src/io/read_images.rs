@@ -28,7 +28,14 @@ pub(crate) struct IoReadImagesOutputs {
 
 /// Reads one picture a frame: PNG, JPEG, TIFF or OpenEXR.
 #[derive(Node)]
-#[node(id = "io.read_images", version = 1, kind = source, outputs = IoReadImagesOutputs, source = "PNG, JPEG, TIFF 6.0 and OpenEXR specifications")]
+#[node(
+    id = "io.read_images",
+    version = 1,
+    kind = source,
+    outputs = IoReadImagesOutputs,
+    source = "PNG, JPEG, TIFF 6.0 and OpenEXR specifications",
+    example = "\"plate\": (type: \"io.read_images\", path: \"plate/hat.####.png\", missing: hold)"
+)]
 pub(crate) struct IoReadImages {
     /// The files, from the graph's folder, with `####` or `%04d` where the frame number stands.
     path: InputPath,

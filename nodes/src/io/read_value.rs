@@ -32,7 +32,15 @@ pub(crate) struct IoReadValueOutputs {
 
 /// Reads a value of any type from `.npz`.
 #[derive(Node)]
-#[node(id = "io.read_value", version = 1, kind = source, outputs = IoReadValueOutputs, type_from = "as", source = "NumPy Enhancement Proposal 1")]
+#[node(
+    id = "io.read_value",
+    version = 1,
+    kind = source,
+    outputs = IoReadValueOutputs,
+    type_from = "as",
+    source = "NumPy Enhancement Proposal 1",
+    example = "\"keys\": (type: \"io.read_value\", path: \"hat.npz\", as: \"KeyShapes\")"
+)]
 pub(crate) struct IoReadValue {
     /// The file, from the graph's folder; or one a frame, with `####` or `%04d` where the frame number stands.
     path: InputPath,

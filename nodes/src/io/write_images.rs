@@ -115,7 +115,13 @@ impl From<Effort> for Level {
 
 /// Writes pictures: PNG, JPEG, TIFF or OpenEXR, by the path's extension.
 #[derive(Node)]
-#[node(id = "io.write_images", version = 1, kind = sink, source = "PNG, JPEG, TIFF 6.0 and OpenEXR specifications")]
+#[node(
+    id = "io.write_images",
+    version = 1,
+    kind = sink,
+    source = "PNG, JPEG, TIFF 6.0 and OpenEXR specifications",
+    example = "\"out\": (type: \"io.write_images\", image: \"@comp\", path: \"$out/hat.####.exr\", compression: piz)"
+)]
 pub(crate) struct IoWriteImages {
     /// The picture: linear light, premultiplied alpha.
     image: In<Image>,
@@ -199,7 +205,7 @@ impl PerFrame for IoWriteImages {
         let mut image = self.image.shared()?;
         // Only OpenEXR says where its samples lie; every other format holds the display window.
         if format != Format::Exr && image.data_window() != image.display_window() {
-            image = Arc::new(image.in_display().into_owned());
+            image = Arc::new(image.in_display()?.into_owned());
         }
         let picture = picture::to_picture(Arc::unwrap_or_clone(image))?;
         // Packed in memory first, so that a picture that the format cannot hold touches no disk.

@@ -29,7 +29,13 @@ const MAX_COLUMNS: usize = 16_384;
 
 /// Writes numbers to a `.csv` table, one row a frame.
 #[derive(Node)]
-#[node(id = "io.write_table", version = 1, kind = whole, source = "RFC 4180")]
+#[node(
+    id = "io.write_table",
+    version = 1,
+    kind = whole,
+    source = "RFC 4180",
+    example = "\"curves\": (type: \"io.write_table\", values: [\"@track.motion\", \"@track.residual\"], path: \"$out/motion.csv\")"
+)]
 pub(crate) struct IoWriteTable {
     /// The values: streams on one clock, or values that do not change.
     values: List<AnySequence>,

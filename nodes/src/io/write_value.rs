@@ -23,7 +23,13 @@ use super::file;
 
 /// Writes a value of any type to `.npz`.
 #[derive(Node)]
-#[node(id = "io.write_value", version = 1, kind = whole, source = "NumPy Enhancement Proposal 1")]
+#[node(
+    id = "io.write_value",
+    version = 1,
+    kind = whole,
+    source = "NumPy Enhancement Proposal 1",
+    example = "\"saved\": (type: \"io.write_value\", value: \"@track.motion\", path: \"$out/motion.npz\")"
+)]
 pub(crate) struct IoWriteValue {
     /// The value, or the stream.
     value: AnySequence,

@@ -189,7 +189,7 @@ impl MatteColorClusters {
             Some(hint) => Seed::Hint(hint.at(cx.clock.first)?.alpha()),
             None => Seed::Colours(&self.foreground),
         };
-        algo::fit(self.image.in_display().raster(), seed, &options).map_err(refused)
+        algo::fit(self.image.in_display()?.raster(), seed, &options).map_err(refused)
     }
 }
 
@@ -202,7 +202,7 @@ impl Recurrent for MatteColorClusters {
             Some(state) => state.model(self.space),
             None => self.learn(cx)?,
         };
-        let picture = self.image.in_display();
+        let picture = self.image.in_display()?;
         let image = picture.raster();
         let mut alpha = vec![0.0; image.width * image.height];
         let status = algo::alpha(image, &model, &options, &mut alpha).map_err(refused)?;

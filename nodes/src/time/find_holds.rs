@@ -56,7 +56,7 @@ impl Whole for TimeFindHolds {
         let mut means = Vec::with_capacity(self.image.len());
         for k in 0..self.image.len() {
             cx.check()?;
-            means.push(block_means(self.image.get(k)?.in_display().raster()));
+            means.push(block_means(self.image.get(k)?.in_display()?.raster()));
         }
         let holds = find_holds(&means, Options { sensitivity: self.sensitivity, min_area: self.min_area });
         let mut count = 0;

@@ -197,7 +197,7 @@ impl TrackAffine {
             (None, Some(corners)) => Region::Box(corners),
             (None, None) => Region::Whole,
         };
-        Template::new(self.image.at(frame)?.in_display().raster(), region, &self.options()).map(Arc::new).map_err(refused)
+        Template::new(self.image.at(frame)?.in_display()?.raster(), region, &self.options()).map(Arc::new).map_err(refused)
     }
 }
 
@@ -237,14 +237,17 @@ impl Recurrent for TrackAffine {
             Start { last: affine(&s.last), before }
         });
         let matte = self.matte.as_ref().map(|m| m.at(cx.frame)).transpose()?;
-        let track = template.track(self.image.at(cx.frame)?.in_display().raster(), matte.map(|m| m.alpha()), &start).map_err(refused)?;
+        let track = template.track(self.image.at(cx.frame)?.in_display()?.raster(), matte.map(|m| m.alpha()), &start).map_err(refused)?;
         let before = state.map_or([[f64::NAN; 3]; 2], |s| s.last);
         let state = TrackState { last: Affine2::from(track.motion).matrix, before, template: OnceLock::from(template.clone()) };
         Ok((outputs(&template, &track), state))
     }
 
     fn previous(&self, cx: &Context) -> Option<i64> {
-        match cx.frame.cmp(&self.reference(cx)) {
+        let reference = self.reference(cx);
+        // A chain cannot start outside the clock: the read of that frame says so.
+        cx.clock.index(reference)?;
+        match cx.frame.cmp(&reference) {
             std::cmp::Ordering::Less => Some(cx.frame + 1),
             std::cmp::Ordering::Equal => None,
             std::cmp::Ordering::Greater => Some(cx.frame - 1),
