@@ -97,9 +97,12 @@ impl MatteFromImage {
 
 impl PerFrame for MatteFromImage {
     fn run(self, _cx: &Context) -> Result<MatteFromImageOutputs, NodeError> {
-        let picture = self.image.in_display();
+        let picture = self.image.in_display()?;
         let alpha = picture.alpha();
-        let pixels = picture.samples().chunks_exact(picture.n_channels().max(1));
+        if picture.n_channels() == 0 {
+            return Err(NodeError::input("expected a picture with channels, found none"));
+        }
+        let pixels = picture.samples().chunks_exact(picture.n_channels());
         let matte: Vec<f32> = pixels.map(|p| self.coverage(value_of(p, alpha, self.channel))).collect();
         let alpha = Matte::new(picture.width(), picture.height(), matte)
             .ok_or_else(|| NodeError::internal("a matte of another size than its picture"))?;
