@@ -98,10 +98,10 @@ impl MatteFromImage {
 impl PerFrame for MatteFromImage {
     fn run(self, _cx: &Context) -> Result<MatteFromImageOutputs, NodeError> {
         let picture = self.image.in_display()?;
-        if picture.n_channels() == 0 {
-            return Err(NodeError::input("expected a picture with channels, found one without"));
-        }
         let alpha = picture.alpha();
+        if picture.n_channels() == 0 {
+            return Err(NodeError::input("expected a picture with channels, found none"));
+        }
         let pixels = picture.samples().chunks_exact(picture.n_channels());
         let matte: Vec<f32> = pixels.map(|p| self.coverage(value_of(p, alpha, self.channel))).collect();
         let alpha = Matte::new(picture.width(), picture.height(), matte)
