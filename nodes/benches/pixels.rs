@@ -35,6 +35,12 @@ fn warps(c: &mut Criterion) {
     c.bench_function("warp Bilinear, over, fused", |b| b.iter(|| warp_affine_over(source, black_box(&map), options, &mut out, window)));
     let half = Affine::new(0.5, 0.05, 20.0, -0.05, 0.5, 120.0);
     c.bench_function("warp Bilinear to a half", |b| b.iter(|| warp_affine(source, black_box(&half), options, &mut out, window)));
+    let sheared = Affine::new(0.6, 0.25, 200.0, -0.1, 0.7, 150.0);
+    for filter in [Filter::Bilinear, Filter::Cubic, Filter::Lanczos3] {
+        let options = WarpOptions { filter, outside: Outside::Transparent, antialias: true };
+        let name = format!("warp {filter:?}, sheared and shrunk");
+        c.bench_function(&name, |b| b.iter(|| warp_affine(source, black_box(&sheared), options, &mut out, window)));
+    }
 }
 
 fn merges(c: &mut Criterion) {

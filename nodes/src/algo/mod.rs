@@ -17,4 +17,6 @@ pub mod table;
 pub mod track_affine;
 pub mod warp_affine;
 mod warp_area;
+mod warp_points;
+mod warp_slant;
 pub mod window;

@@ -2,6 +2,7 @@
 
 use super::raster::{Affine, Raster};
 use super::warp_affine::{Filter, Outside, Source, WarpOptions};
+use super::warp_slant::Slant;
 use super::window::Window;
 use nalgebra::Matrix2;
 use std::sync::OnceLock;
@@ -17,6 +18,11 @@ pub(super) fn warp(source: Source<'_>, m: &Affine, shape: &Matrix2<f64>, options
     let area = Area { raster: source.raster, filter: options.filter, outside: options.outside, shape: *shape };
     let separable = shape[(0, 1)].abs() < SEPARABLE;
     let tables = if separable && channels == 4 { area.tables() } else { None };
+    if tables.is_none()
+        && let Some(slant) = Slant::new(source.raster, options.filter, options.outside, shape)
+    {
+        return slant.warp(source, m, target, window);
+    }
     let mut taps = [Taps::default(), Taps::default()];
     let origin = [source.origin[0] as f64 + 0.5, source.origin[1] as f64 + 0.5];
     for (j, out) in target.chunks_exact_mut(window.width * channels).enumerate() {
