@@ -16,7 +16,7 @@
 
 use pegbar_engine::Node;
 use pegbar_engine::array::{ArrayView, DType, Shape};
-use pegbar_engine::node::{AnySequence, Context, Fault, List, NodeError, Problem, Whole, type_of};
+use pegbar_engine::node::{AnySequence, Context, Fault, List, NodeError, Problem, Whole};
 use pegbar_engine::setting::OutputPath;
 use pegbar_engine::value::ValueRef;
 
@@ -101,7 +101,7 @@ impl IoWriteTable {
     fn column_names(&self) -> Vec<String> {
         let mut names: Vec<String> = self.names.clone();
         for sequence in self.values.0.iter().skip(self.names.len()) {
-            let base = sequence.values().first().map_or_else(|| "value".to_owned(), |v| type_of(v).to_lowercase());
+            let base = sequence.values().first().map_or_else(|| "value".to_owned(), |v| v.type_name().to_lowercase());
             let numbered = (2..).map(|n| format!("{base}_{n}"));
             let free = std::iter::once(base.clone()).chain(numbered).find(|n| !names.contains(n));
             names.push(free.unwrap_or(base));

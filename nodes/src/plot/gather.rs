@@ -1,7 +1,7 @@
 //! Values of any type as curves, gathered into groups that share an axis.
 
 use pegbar_engine::array::Data;
-use pegbar_engine::node::{NodeError, type_of};
+use pegbar_engine::node::NodeError;
 use pegbar_engine::value::{TimeMap, Value, ValueRef};
 
 use crate::data::Affine2;
@@ -23,7 +23,7 @@ pub(super) struct Group {
 /// The curves of a sequence of values. `name` is the given one, if any.
 pub(super) fn groups(values: &[ValueRef], name: Option<&str>) -> Result<Vec<Group>, NodeError> {
     let Some(first) = values.first() else { return Ok(Vec::new()) };
-    if type_of(first) == TimeMap::NAME && values.len() == 1 {
+    if first.type_name() == TimeMap::NAME && values.len() == 1 {
         let curve = numbers(first)?;
         let label = name.unwrap_or("source frame").to_owned();
         return Ok(vec![Group { curves: vec![(label.clone(), curve)], label, spans: true }]);
@@ -32,13 +32,13 @@ pub(super) fn groups(values: &[ValueRef], name: Option<&str>) -> Result<Vec<Grou
     let count = rows[0].len();
     if let Some(k) = rows.iter().position(|r| r.len() != count) {
         let found = format!("expected {count} numbers at every frame, found {} at position {k} of the sequence", rows[k].len());
-        return Err(NodeError::input(format!("{}: {found}", name.unwrap_or(type_of(first)))));
+        return Err(NodeError::input(format!("{}: {found}", name.unwrap_or(first.type_name()))));
     }
     let curve = |i: usize| rows.iter().map(|r| r[i]).collect::<Vec<f64>>();
-    if type_of(first) == Affine2::NAME && count == 6 {
+    if first.type_name() == Affine2::NAME && count == 6 {
         return Ok(affine(curve, name));
     }
-    let label = name.map_or_else(|| type_of(first).to_lowercase(), str::to_owned);
+    let label = name.map_or_else(|| first.type_name().to_lowercase(), str::to_owned);
     let called = |i: usize| if count == 1 { label.clone() } else { format!("{label}[{i}]") };
     let curves = (0..count).map(|i| (called(i), curve(i))).collect();
     Ok(vec![Group { label, curves, spans: false }])
@@ -59,8 +59,8 @@ fn affine(curve: impl Fn(usize) -> Vec<f64>, name: Option<&str>) -> Vec<Group> {
 fn numbers(value: &ValueRef) -> Result<Vec<f64>, NodeError> {
     let parts = value.parts();
     let count: usize = parts.arrays.iter().map(|(_, a)| a.bytes.len() / a.dtype.size()).sum();
-    if count == 0 || (count > MOST && type_of(value) != TimeMap::NAME) {
-        let found = format!("expected values of 1 to {MOST} numbers, found {} of {count}", type_of(value));
+    if count == 0 || (count > MOST && value.type_name() != TimeMap::NAME) {
+        let found = format!("expected values of 1 to {MOST} numbers, found {} of {count}", value.type_name());
         return Err(NodeError::input(found).help("plot.curves is for curves, vectors, weights, motions and time maps"));
     }
     let wide = |data: Data| match data {
