@@ -65,6 +65,7 @@ pub(crate) struct CelScene {
     layer_only: bool,
     /// The clock that it plays on.
     #[input(default = "frames")]
+    #[allow(dead_code, reason = "the checker reads it")]
     clock: ClockName,
 }
 
@@ -104,7 +105,6 @@ impl CelScene {
 
 impl PerFrame for CelScene {
     fn run(self, cx: &Context) -> Result<CelSceneOutputs, NodeError> {
-        debug_assert!(!self.clock.0.is_empty());
         let spec = self.spec();
         let scene = scene(spec)?;
         let frame = cx.clock.index(cx.frame).unwrap_or(0);
