@@ -5,6 +5,8 @@
 
 use std::sync::LazyLock;
 
+pub(super) use crate::algo::color::{linear_from_srgb, srgb_from_linear};
+
 /// How codes in a file stand for light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Curve {
@@ -16,26 +18,10 @@ pub(super) enum Curve {
     Gamma(f64),
 }
 
-/// Linear light of an sRGB value; below 0 mirrored, above 1 continued.
-pub(super) fn srgb_to_linear(v: f64) -> f64 {
-    if v < 0.0 {
-        return -srgb_to_linear(-v);
-    }
-    if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }
-}
-
-/// The sRGB value of linear light; below 0 mirrored, above 1 continued.
-pub(super) fn linear_to_srgb(v: f64) -> f64 {
-    if v < 0.0 {
-        return -linear_to_srgb(-v);
-    }
-    if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * libm::pow(v, 1.0 / 2.4) - 0.055 }
-}
-
 impl Curve {
     fn to_linear(self, v: f64) -> f64 {
         match self {
-            Curve::Srgb => srgb_to_linear(v),
+            Curve::Srgb => linear_from_srgb(v),
             Curve::Linear => v,
             Curve::Gamma(gamma) => libm::pow(v, 1.0 / gamma),
         }
@@ -91,8 +77,8 @@ const SHIFT: u32 = 23 - 10;
 impl Encoder {
     /// sRGB codes from 0 to `max`, 255 or 65535.
     pub(super) fn srgb(max: u16) -> &'static Encoder {
-        static SRGB_8: LazyLock<Encoder> = LazyLock::new(|| Encoder::build(255, linear_to_srgb, srgb_to_linear));
-        static SRGB_16: LazyLock<Encoder> = LazyLock::new(|| Encoder::build(65535, linear_to_srgb, srgb_to_linear));
+        static SRGB_8: LazyLock<Encoder> = LazyLock::new(|| Encoder::build(255, srgb_from_linear, linear_from_srgb));
+        static SRGB_16: LazyLock<Encoder> = LazyLock::new(|| Encoder::build(65535, srgb_from_linear, linear_from_srgb));
         if max == 255 { &SRGB_8 } else { &SRGB_16 }
     }
 
@@ -170,7 +156,7 @@ mod tests {
             for k in 1..=usize::from(max) {
                 let t = srgb.thresholds[k];
                 for v in [t.next_down().next_down(), t.next_down(), t, t.next_up(), t.next_up().next_up()] {
-                    assert_eq!(srgb.code(v), by_formula(v, max, linear_to_srgb), "{v} of {max}");
+                    assert_eq!(srgb.code(v), by_formula(v, max, srgb_from_linear), "{v} of {max}");
                 }
             }
         }
@@ -182,7 +168,7 @@ mod tests {
             let mut bits = 0u32;
             while bits <= ONE + 4_000_000 {
                 let v = f32::from_bits(bits);
-                assert_eq!(Encoder::srgb(max).code(v), by_formula(v, max, linear_to_srgb), "{v} of {max}");
+                assert_eq!(Encoder::srgb(max).code(v), by_formula(v, max, srgb_from_linear), "{v} of {max}");
                 assert_eq!(Encoder::linear(max).code(v), by_formula(v, max, |v| v), "{v} of {max}");
                 bits += 7_919;
             }

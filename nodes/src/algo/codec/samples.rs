@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::curve::{Curve, Encoder, linear_to_srgb};
+use super::curve::{Curve, Encoder, srgb_from_linear};
 use super::threads::for_bands;
 use super::{CodecError, ColorMode, Depth, Dither, EncodeOptions, NonFinite, Picture};
 
@@ -284,7 +284,7 @@ pub(super) fn to_floats<'a>(picture: &'a Picture, options: &EncodeOptions) -> Co
         let alpha = alpha_at.map_or(1.0, |at| pixel[at]);
         for (_, value) in pixel.iter_mut().enumerate().filter(|(c, _)| Some(*c) != alpha_at) {
             let straight = if alpha > 0.0 { *value / alpha } else { *value };
-            let code = linear_to_srgb(f64::from(straight)) as f32;
+            let code = srgb_from_linear(f64::from(straight)) as f32;
             *value = if alpha > 0.0 { code * alpha } else { code };
         }
     }

@@ -656,7 +656,7 @@ fn tiff_alpha_is_read_as_it_is_declared() {
         ];
         decode(&tiff_file(false, &entries, &[64, 32, 0, 128]), &DecodeOptions::default()).unwrap()
     };
-    let light = |code: f64| curve::srgb_to_linear(code / 255.0);
+    let light = |code: f64| curve::linear_from_srgb(code / 255.0);
     let alpha = 128.0 / 255.0;
     let straight = read(2);
     assert!((f64::from(straight.pixels[0]) - light(64.0) * alpha).abs() < 1e-6);
