@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pegbar_engine::diag::SourceMap;
-use pegbar_engine::exec::{Failure, Observer};
+use pegbar_engine::exec::{Done, Failure, Observer};
 use pegbar_engine::graph::Graph;
 use pegbar_engine::job::{Job, Outcome};
 use pegbar_engine::plan::Plan;
@@ -61,9 +61,9 @@ impl Observer for Reporter<'_> {
         self.plans.fetch_add(1, Ordering::Relaxed);
     }
 
-    fn done(&self, node: usize, _frame: Option<i64>, time: Duration) {
-        if let Some(counter) = self.nodes.get(node) {
-            counter.nanos.fetch_add(time.as_nanos() as u64, Ordering::Relaxed);
+    fn done(&self, done: &Done) {
+        if let Some(counter) = self.nodes.get(done.node) {
+            counter.nanos.fetch_add(done.time.as_nanos() as u64, Ordering::Relaxed);
             counter.done.fetch_add(1, Ordering::Relaxed);
         }
     }

@@ -41,10 +41,44 @@ impl Default for Options<'_> {
 pub trait Observer: Sync {
     /// A plan was made, and is about to run.
     fn planned(&self, _graph: &Graph, _plan: &Plan) {}
-    /// A task is done.
-    fn done(&self, _node: usize, _frame: Option<i64>, _time: Duration) {}
+    /// A task starts on one of the threads, which are numbered from 0.
+    fn started(&self, _node: usize, _frame: Option<i64>, _thread: usize) {}
+    /// A task is done, or has failed.
+    fn done(&self, _done: &Done) {}
     /// A node failed.
     fn failed(&self, _graph: &Graph, _failure: &Failure) {}
+    /// True for one who wants [`Failure::given`]. It costs nodes the sole hold of their inputs, and so copies.
+    fn keeps_inputs(&self) -> bool {
+        false
+    }
+}
+
+/// A task that is done.
+#[derive(Clone, Copy, Debug)]
+pub struct Done {
+    /// Index of the node.
+    pub node: usize,
+    /// Frame; `None` for a node that runs once.
+    pub frame: Option<i64>,
+    /// The thread that it ran on.
+    pub thread: usize,
+    /// When it started.
+    pub start: Instant,
+    /// How long it took.
+    pub time: Duration,
+    /// Bytes of its results.
+    pub bytes: u64,
+    /// Bytes of results of all nodes that are alive.
+    pub live_bytes: u64,
+}
+
+/// What a task was given.
+#[derive(Clone, Debug)]
+pub struct Given {
+    /// What stands at each input, in the order of the schema.
+    pub args: Vec<Arg>,
+    /// The state that it starts from.
+    pub state: Option<ValueRef>,
 }
 
 /// Hears and says nothing.
@@ -63,6 +97,8 @@ pub struct Failure {
     pub error: NodeError,
     /// Each wired input: name, type, and extents of its first array.
     pub inputs: Vec<String>,
+    /// What it was given, where an observer [keeps that](Observer::keeps_inputs). Dropped once it was told.
+    pub given: Option<Given>,
 }
 
 /// What a node cost.
@@ -165,12 +201,12 @@ pub fn run(graph: &Graph, plan: &Plan, options: &Options) -> Report {
     std::thread::scope(|scope| {
         let mut workers = workers.into_iter();
         let own = workers.next();
-        for worker in workers {
+        for (thread, worker) in workers.enumerate() {
             let (run, stealers) = (&run, &stealers);
-            scope.spawn(move || run.work(&worker, stealers));
+            scope.spawn(move || run.work(thread + 1, &worker, stealers));
         }
         if let Some(worker) = own {
-            run.work(&worker, &stealers);
+            run.work(0, &worker, &stealers);
         }
     });
     run.report()
@@ -345,7 +381,7 @@ impl<'a> Run<'a> {
         self.task_base[task.node as usize] + task.index as usize
     }
 
-    fn work(&self, own: &Worker<Task>, others: &[Stealer<Task>]) {
+    fn work(&self, thread: usize, own: &Worker<Task>, others: &[Stealer<Task>]) {
         let mut briefs = Vec::new();
         loop {
             if self.stopped.load(Ordering::Acquire) {
@@ -356,7 +392,7 @@ impl<'a> Run<'a> {
                 return;
             }
             match self.find(own, others) {
-                Some(task) => self.perform(task, own, &mut briefs),
+                Some(task) => self.perform(task, thread, own, &mut briefs),
                 None if self.admit() => {}
                 None => self.sleep(others),
             }
@@ -464,7 +500,7 @@ impl<'a> Run<'a> {
         self.wake.notify_all();
     }
 
-    fn perform(&self, task: Task, own: &Worker<Task>, briefs: &mut Vec<Brief>) {
+    fn perform(&self, task: Task, thread: usize, own: &Worker<Task>, briefs: &mut Vec<Brief>) {
         let node = &self.graph.nodes[task.node as usize];
         let poisoned = self.flags[self.id(task)].load(Ordering::Acquire) & POISONED != 0;
         let fine = if poisoned {
@@ -475,6 +511,9 @@ impl<'a> Run<'a> {
             let (args, state) = self.args(task, briefs);
             let frame = node.clock.first + i64::from(task.index);
             let cx = Context { frame, clock: &node.clock, input_clocks: &node.input_clocks, cancel: &self.options.cancel };
+            let shown = (!node.runs_once()).then_some(frame);
+            let given = self.options.observer.keeps_inputs().then(|| Given { args: args.clone(), state: state.clone() });
+            self.options.observer.started(task.node as usize, shown, thread);
             let start = Instant::now();
             let result =
                 catch_unwind(AssertUnwindSafe(|| node.ty.operator.compute(args, state, &cx))).unwrap_or_else(|p| Err(panicked(p.as_ref())));
@@ -482,12 +521,14 @@ impl<'a> Run<'a> {
             let meter = &self.meters[task.node as usize];
             meter.tasks.fetch_add(1, Ordering::Relaxed);
             meter.nanos.fetch_add(time.as_nanos() as u64, Ordering::Relaxed);
-            let shown = (!node.runs_once()).then_some(frame);
-            self.options.observer.done(task.node as usize, shown, time);
-            match result.and_then(|computed| self.store(task, computed)) {
-                Ok(()) => true,
+            let stored = result.and_then(|computed| self.store(task, computed));
+            let live_bytes = self.total.live.load(Ordering::Relaxed).max(0) as u64;
+            let bytes = *stored.as_ref().unwrap_or(&0);
+            self.options.observer.done(&Done { node: task.node as usize, frame: shown, thread, start, time, bytes, live_bytes });
+            match stored {
+                Ok(_) => true,
                 Err(error) => {
-                    self.fail(task, shown, error, briefs);
+                    self.fail(task, shown, error, briefs, given);
                     false
                 }
             }
@@ -495,15 +536,15 @@ impl<'a> Run<'a> {
         self.finish(task, fine, own);
     }
 
-    fn fail(&self, task: Task, frame: Option<i64>, error: NodeError, briefs: &[Brief]) {
+    fn fail(&self, task: Task, frame: Option<i64>, error: NodeError, briefs: &[Brief], given: Option<Given>) {
         if error.cancelled {
             return;
         }
         let schema = &self.graph.nodes[task.node as usize].ty.schema;
         let inputs = briefs.iter().map(|(i, ty, shape)| format!("{}: {ty} [{}]", schema.inputs[*i].name, describe_shape(shape))).collect();
-        let failure = Failure { node: task.node as usize, frame, error, inputs };
+        let failure = Failure { node: task.node as usize, frame, error, inputs, given };
         self.options.observer.failed(self.graph, &failure);
-        lock(&self.failures).push(failure);
+        lock(&self.failures).push(Failure { given: None, ..failure });
     }
 
     /// What stands at each input of a task; takes each result for the last time where nobody else will read it.
@@ -550,7 +591,7 @@ impl<'a> Run<'a> {
             Reads::Same => self.take(edge.port.node, base + task.index as usize).map_or(Arg::None, Arg::Value),
             Reads::Held => self.take(edge.port.node, base).map_or(Arg::None, |v| self.whole_or_one(v, access)),
             Reads::All => {
-                let values = (0..self.values_of(edge.port)).filter_map(|k| self.take(edge.port.node, base + k)).collect();
+                let values = (0..self.values_of(edge.port)).filter_map(|k| self.take(edge.port.node, base + k)).collect::<Vec<ValueRef>>();
                 let clock = (!self.graph.is_single(edge.port)).then(|| clock.clone());
                 Arg::Sequence(SequenceRef::new(clock, values))
             }
@@ -583,7 +624,9 @@ impl<'a> Run<'a> {
         }
     }
 
-    fn store(&self, task: Task, computed: Computed) -> Result<(), NodeError> {
+    /// Puts the results where their readers find them; gives their bytes.
+    fn store(&self, task: Task, computed: Computed) -> Result<u64, NodeError> {
+        let mut bytes = 0;
         let node = &self.graph.nodes[task.node as usize];
         let bases = &self.slot_base[task.node as usize];
         if computed.outputs.len() != node.ty.schema.outputs.len() {
@@ -591,9 +634,11 @@ impl<'a> Run<'a> {
         }
         for (p, out) in computed.outputs.into_iter().enumerate() {
             match out {
-                OutValue::One(value) => self.put(task.node, bases[p] + if node.is_single(p) { 0 } else { task.index as usize }, value),
+                OutValue::One(value) => {
+                    bytes += self.put(task.node, bases[p] + if node.is_single(p) { 0 } else { task.index as usize }, value)
+                }
                 OutValue::Stream(values) if !node.is_single(p) && values.len() == node.clock.len() => {
-                    values.into_iter().enumerate().for_each(|(k, v)| self.put(task.node, bases[p] + k, v));
+                    bytes += values.into_iter().enumerate().map(|(k, v)| self.put(task.node, bases[p] + k, v)).sum::<u64>();
                 }
                 OutValue::Stream(values) => {
                     let message =
@@ -603,19 +648,21 @@ impl<'a> Run<'a> {
             }
         }
         if let (Some(state), Some(&base)) = (computed.state, bases.last()) {
-            self.put(task.node, base + task.index as usize, state);
+            bytes += self.put(task.node, base + task.index as usize, state);
         }
-        Ok(())
+        Ok(bytes)
     }
 
-    fn put(&self, node: u32, slot: usize, value: ValueRef) {
+    fn put(&self, node: u32, slot: usize, value: ValueRef) -> u64 {
         let mut slot = lock(&self.slots[slot]);
-        if slot.readers > 0 {
-            let bytes = value.size() as i64;
-            self.meters[node as usize].grow(bytes);
-            self.total.grow(bytes);
-            slot.value = Some(value);
+        if slot.readers == 0 {
+            return 0;
         }
+        let bytes = value.size();
+        self.meters[node as usize].grow(bytes as i64);
+        self.total.grow(bytes as i64);
+        slot.value = Some(value);
+        bytes as u64
     }
 
     /// Tells everyone who waits for a task that it is done, or that it never will be.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::clock::Clock;
 use crate::diag::{FileId, Span};
 use crate::node::{Kind, Literal};
-use crate::registry::NodeType;
+use crate::registry::{NodeType, Types};
 
 /// A graph in which every reference is resolved and every literal read.
 #[derive(Clone, Default)]
@@ -16,6 +16,8 @@ pub struct Graph {
     pub nodes: Vec<GraphNode>,
     /// What the graph declares as its outputs.
     pub outputs: Vec<(String, Port)>,
+    /// Value types, so that what went to disk can come back.
+    pub types: Types,
 }
 
 /// An output of a node.

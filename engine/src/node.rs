@@ -9,7 +9,7 @@ mod schema;
 
 pub use context::{Cancel, Context, Problem};
 pub use error::{Fault, NodeError};
-pub use input::{AnyFrames, AnySequence, Arg, Frames, In, Input, List, Literal, Sequence, SequenceRef};
+pub use input::{AnyFrames, AnySequence, Arg, Frames, In, Input, List, Literal, Sequence, SequenceRef, Values};
 pub use operator::{Computed, Needs, Operator};
 pub(crate) use operator::{PerFrameOperator, RecurrentOperator, WholeOperator};
 pub use output::{OutValue, Output, Outputs, Stream};

@@ -300,7 +300,7 @@ impl Checker<'_> {
         }
         let mut clocks: Vec<Arc<Clock>> = self.scopes[main].clocks.values().cloned().collect();
         clocks.sort_by_key(|c| c.name != "frames");
-        Some(Graph { clocks, nodes, outputs })
+        Some(Graph { clocks, nodes, outputs, types: self.registry.shared_types().clone() })
     }
 }
 
@@ -315,7 +315,9 @@ pub(super) fn settings(schema: &NodeSchema, bindings: &[Binding]) -> Option<Vec<
         (Binding::Literal { value, .. }, _) => Some(Arg::Literal(value.clone())),
         (Binding::Wire(_), InputType::Setting { .. }) => Some(crate::plan::placeholder(input)),
         (_, InputType::Setting { .. }) => None,
-        _ if input.access == Access::Sequence && !input.list => Some(Arg::Sequence(SequenceRef::new(None, Vec::new()))),
+        _ if input.access == Access::Sequence && !input.list => {
+            Some(Arg::Sequence(SequenceRef::new(None, Vec::<crate::value::ValueRef>::new())))
+        }
         _ => Some(Arg::None),
     });
     args.collect()

@@ -1,6 +1,7 @@
 //! The fields of a node struct: values and settings, as they stand when the node runs.
 
 use std::any::Any;
+use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -31,18 +32,49 @@ pub enum Arg {
     List(Vec<Arg>),
 }
 
+/// Where the values of a sequence lie: in memory, or on disk until they are asked for.
+pub trait Values: Send + Sync {
+    /// Number of values.
+    fn len(&self) -> usize;
+    /// True where there is none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+    /// The value at a position, which is held in memory for as long as somebody holds it.
+    ///
+    /// # Errors
+    /// Past the end, or where it does not fit into memory beside what is held already.
+    fn get(&self, idx: usize) -> Result<ValueRef, NodeError>;
+}
+
+impl Values for Vec<ValueRef> {
+    fn len(&self) -> usize {
+        self.as_slice().len()
+    }
+    fn get(&self, idx: usize) -> Result<ValueRef, NodeError> {
+        let past = || NodeError::internal(format!("frame {idx} of a sequence of {} was read", Values::len(self)));
+        self.as_slice().get(idx).cloned().ok_or_else(past)
+    }
+}
+
 /// All frames of a stream, in order, or the one value that a single has.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct SequenceRef {
     /// The clock; `None` for a single.
     pub clock: Option<Arc<Clock>>,
-    values: Arc<[ValueRef]>,
+    values: Arc<dyn Values>,
 }
 
 impl SequenceRef {
     /// A sequence over `clock`, one value a frame, or one value for a single.
-    pub fn new(clock: Option<Arc<Clock>>, values: Vec<ValueRef>) -> Self {
-        Self { clock, values: values.into() }
+    pub fn new(clock: Option<Arc<Clock>>, values: impl Values + 'static) -> Self {
+        Self { clock, values: Arc::new(values) }
+    }
+}
+
+impl fmt::Debug for SequenceRef {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "sequence of {}", self.values.len())
     }
 }
 
@@ -326,13 +358,13 @@ impl<T: Value> Sequence<T> {
         self.0.values.is_empty()
     }
 
-    /// The value at a position of the sequence, 0 being the clock's first frame.
+    /// The value at a position of the sequence, 0 being the clock's first frame. What is not in memory is fetched, so a node that lets go of each
+    /// frame before the next can read a sequence of any length.
     ///
     /// # Errors
-    /// Past the end.
+    /// Past the end, or where it does not fit into memory beside what the node holds already.
     pub fn get(&self, idx: usize) -> Result<Arc<T>, NodeError> {
-        let value = self.0.values.get(idx).cloned().and_then(downcast::<T>);
-        value.ok_or_else(|| NodeError::internal(format!("frame {idx} of a sequence of {} was read", self.len())))
+        downcast::<T>(self.0.values.get(idx)?).ok_or_else(|| NodeError::internal(format!("expected {} values in a sequence", T::NAME)))
     }
 }
 
@@ -364,9 +396,30 @@ impl AnySequence {
         self.0.clock.as_deref()
     }
 
-    /// The values, in order.
-    pub fn values(&self) -> &[ValueRef] {
-        &self.0.values
+    /// Number of frames.
+    pub fn len(&self) -> usize {
+        self.0.values.len()
+    }
+
+    /// True where there is no frame.
+    pub fn is_empty(&self) -> bool {
+        self.0.values.is_empty()
+    }
+
+    /// As [`Sequence::get`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn get(&self, idx: usize) -> Result<ValueRef, NodeError> {
+        self.0.values.get(idx)
+    }
+
+    /// All values, in order, held at once: for small ones alone.
+    ///
+    /// # Errors
+    /// As of [`Sequence::get`].
+    pub fn gather(&self) -> Result<Vec<ValueRef>, NodeError> {
+        (0..self.len()).map(|idx| self.get(idx)).collect()
     }
 }
 

@@ -7,7 +7,7 @@ use super::error::NodeError;
 use super::input::Arg;
 use super::output::{OutValue, Outputs};
 use super::{PerFrame, Recurrent, Whole};
-use crate::value::{ValueRef, downcast};
+use crate::value::{ValueRef, ValueType, downcast};
 use std::sync::Arc;
 
 /// What one task gives: the ports' values, and the state for the next frame.
@@ -37,6 +37,11 @@ pub trait Operator: Send + Sync {
     /// # Errors
     /// Where the settings do not make a node.
     fn check(&self, args: Vec<Arg>) -> Result<Vec<Problem>, NodeError>;
+
+    /// The type of its state, for a node that has one.
+    fn state_type(&self) -> Option<ValueType> {
+        None
+    }
 
     /// True where the settings by themselves make the output differ from frame to frame.
     ///
@@ -77,6 +82,9 @@ impl<N: PerFrame> Operator for PerFrameOperator<N> {
 }
 
 impl<N: Recurrent> Operator for RecurrentOperator<N> {
+    fn state_type(&self) -> Option<ValueType> {
+        Some(ValueType::of::<N::State>())
+    }
     fn needs(&self, args: Vec<Arg>, inputs: &[&'static str], cx: &Context) -> Result<Needs, NodeError> {
         let node = N::build(args)?;
         Ok(Needs { frames: inputs.iter().map(|i| node.reads(i, cx)).collect(), previous: node.previous(cx) })

@@ -2,12 +2,11 @@
 
 use std::path::Path;
 use std::sync::Mutex;
-use std::time::Duration;
 
 use proptest::prelude::*;
 
 use crate::check::{LoadOptions, load_text};
-use crate::exec::{Observer, Options, execute};
+use crate::exec::{Done, Observer, Options, execute};
 use crate::graph::{Graph, Port};
 use crate::value::{Curve, downcast};
 
@@ -117,8 +116,8 @@ fn graph(nodes: &[Made]) -> Graph {
 struct Log(Mutex<Vec<(usize, Option<i64>)>>);
 
 impl Observer for Log {
-    fn done(&self, node: usize, frame: Option<i64>, _time: Duration) {
-        self.0.lock().unwrap().push((node, frame));
+    fn done(&self, done: &Done) {
+        self.0.lock().unwrap().push((done.node, done.frame));
     }
 }
 

@@ -2,10 +2,9 @@
 
 use std::path::Path;
 use std::sync::Mutex;
-use std::time::Duration;
 
 use crate::check::{LoadOptions, load_text};
-use crate::exec::{Observer, Options, Report, execute};
+use crate::exec::{Done, Observer, Options, Report, execute};
 use crate::graph::Graph;
 use crate::plan::Target;
 use crate::value::downcast;
@@ -59,8 +58,8 @@ fn every_kind_of_node_gives_the_closed_form() {
 struct Log(Mutex<Vec<(usize, Option<i64>)>>);
 
 impl Observer for Log {
-    fn done(&self, node: usize, frame: Option<i64>, _time: Duration) {
-        self.0.lock().unwrap().push((node, frame));
+    fn done(&self, done: &Done) {
+        self.0.lock().unwrap().push((done.node, done.frame));
     }
 }
 

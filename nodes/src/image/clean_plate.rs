@@ -95,7 +95,7 @@ mod tests {
     use pegbar_engine::value::ValueRef;
 
     fn sequence<T: pegbar_engine::value::Value>(values: Vec<T>) -> Sequence<T> {
-        let refs = values.into_iter().map(|v| Arc::new(v) as ValueRef).collect();
+        let refs = values.into_iter().map(|v| Arc::new(v) as ValueRef).collect::<Vec<ValueRef>>();
         Sequence::from_arg(Arg::Sequence(SequenceRef::new(None, refs))).unwrap()
     }
 

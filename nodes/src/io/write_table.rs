@@ -74,11 +74,11 @@ impl Whole for IoWriteTable {
         }
         let mut columns = Vec::new();
         let rows = self.frames(&mut columns)?;
-        let names = self.column_names();
+        let names = self.column_names()?;
         for (i, sequence) in sequences.iter().enumerate() {
             cx.check()?;
             let unit = self.units.get(i).map_or("", String::as_str);
-            add_columns(&names[i], unit, sequence.values(), rows, &mut columns)?;
+            add_columns(&names[i], unit, &sequence.gather()?, rows, &mut columns)?;
         }
         file::write(&self.path.at(0), Fault::Parameters, |out| write_csv(&columns, out))
     }
@@ -98,15 +98,15 @@ impl IoWriteTable {
     }
 
     /// A name for each value: as given, else its type's in small letters, numbered where several would be the same.
-    fn column_names(&self) -> Vec<String> {
+    fn column_names(&self) -> Result<Vec<String>, NodeError> {
         let mut names: Vec<String> = self.names.clone();
         for sequence in self.values.0.iter().skip(self.names.len()) {
-            let base = sequence.values().first().map_or_else(|| "value".to_owned(), |v| v.type_name().to_lowercase());
+            let base = if sequence.is_empty() { "value".to_owned() } else { sequence.get(0)?.type_name().to_lowercase() };
             let numbered = (2..).map(|n| format!("{base}_{n}"));
             let free = std::iter::once(base.clone()).chain(numbered).find(|n| !names.contains(n));
             names.push(free.unwrap_or(base));
         }
-        names
+        Ok(names)
     }
 }
 

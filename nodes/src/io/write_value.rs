@@ -49,7 +49,7 @@ impl Whole for IoWriteValue {
     }
 
     fn run(self, cx: &Context) -> Result<(), NodeError> {
-        let values = self.value.values();
+        let values = &self.value.gather()?;
         match (self.value.clock(), self.path.is_sequence()) {
             (Some(clock), true) => {
                 for (frame, value) in clock.frames().zip(values) {

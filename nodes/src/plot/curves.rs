@@ -151,7 +151,7 @@ impl PlotCurves {
             cx.check()?;
             let name = self.names.get(i).map(String::as_str).filter(|n| !n.is_empty());
             let clock = sequence.clock().unwrap_or(cx.clock);
-            out.extend(groups(sequence.values(), name)?.into_iter().map(|g| (g, clock)));
+            out.extend(groups(&sequence.gather()?, name)?.into_iter().map(|g| (g, clock)));
         }
         if out.is_empty() {
             return Err(NodeError::input("expected at least one curve, found none"));
