@@ -5,9 +5,12 @@ use std::path::Path;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pegbar_engine::check::{LoadOptions, load_text};
 use pegbar_engine::exec::{Options, execute};
+use pegbar_engine::graph::Graph;
+use pegbar_engine::key::Keys;
 use pegbar_engine::node::{Context, In, NodeError, PerFrame};
-use pegbar_engine::plan::Target;
+use pegbar_engine::plan::{Known, Planned, Target, plan};
 use pegbar_engine::registry::Registry;
+use pegbar_engine::stamp::Files;
 use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs};
 
@@ -43,14 +46,19 @@ impl PerFrame for Next {
     }
 }
 
-fn chain(criterion: &mut Criterion) {
-    let nodes: Vec<String> = (1..1000).map(|i| format!("\"n{i}\": (type: \"bench.next\", input: \"@n{}\")", i - 1)).collect();
+/// A chain of `nodes` trivial nodes over `frames` frames.
+fn chain_of(nodes: usize, frames: usize) -> Option<Graph> {
+    let chain: Vec<String> = (1..nodes).map(|i| format!("\"n{i}\": (type: \"bench.next\", input: \"@n{}\")", i - 1)).collect();
     let text = format!(
-        "Graph(pegbar: 1, frames: (first: 1, last: 100, fps: 24), nodes: {{ \"n0\": (type: \"bench.frame\"), {} }})",
-        nodes.join(", ")
+        "Graph(pegbar: 1, frames: (first: 1, last: {frames}, fps: 24), nodes: {{ \"n0\": (type: \"bench.frame\"), {} }})",
+        chain.join(", ")
     );
     let registry = Registry::new().per_frame::<FrameNumber>().per_frame::<Next>();
-    let Some(graph) = load_text(Path::new("chain.ron"), &text, &registry, &LoadOptions::default()).graph else { return };
+    load_text(Path::new("chain.ron"), &text, &registry, &LoadOptions::default()).graph
+}
+
+fn chain(criterion: &mut Criterion) {
+    let Some(graph) = chain_of(1000, 100) else { return };
     let target = Target { node: 999, frames: None };
     let mut group = criterion.benchmark_group("executor");
     group.throughput(Throughput::Elements(100_000));
@@ -61,5 +69,17 @@ fn chain(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, chain);
+fn keys(criterion: &mut Criterion) {
+    let Some(graph) = chain_of(1000, 1000) else { return };
+    let Ok(Planned::Ready(plan)) = plan(&graph, &[Target { node: 999, frames: None }], &[], Known::new()) else { return };
+    let mut group = criterion.benchmark_group("keys");
+    group.throughput(Throughput::Elements(1_000_000));
+    group.sample_size(10);
+    group.bench_function("keys of 1,000,000 tasks", |b| {
+        b.iter(|| Keys::of(&graph, &plan, &Files::new(None)).map(|k| k.task(999, 999).copied()))
+    });
+    group.finish();
+}
+
+criterion_group!(benches, chain, keys);
 criterion_main!(benches);

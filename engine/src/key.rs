@@ -20,362 +20,281 @@
 //! Names of nodes, their order, the layout of the file, what no input leads to, and who reads the result do not matter. Nothing of this is written
 //! by the author of a node: it all follows from the declaration and the plan.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+mod facts;
+mod literal;
 
-use blake3::{Hash, Hasher};
+use std::path::PathBuf;
+use std::sync::Arc;
 
-use crate::clock::Clock;
-use crate::graph::{Binding, Graph, GraphNode, Port};
-use crate::node::{Access, InputSchema, Kind, Literal, NodeError};
-use crate::plan::{Edge, Plan, PlanError, Reads, wires};
-use crate::setting::{ClockName, FileUse, InputPath, Missing, OutputPath};
-use crate::syntax::{NodeKind, NodeRef, TokenKind, Tree};
+use blake3::Hasher;
+
+use crate::graph::{Graph, GraphNode};
+use crate::node::{NodeError, NodeSchema};
+use crate::plan::{Edge, Plan, PlanError, Reads, consumers_first};
+use crate::setting::InputPath;
+use crate::stamp::Files;
+
+pub use facts::{Fact, FactKind};
+use facts::{facts, is_part, missing, read_paths, sees_frame};
 
 /// Changes with what keys are made of, so that those of other versions of Pegbar are never met.
-const SALT: &[u8] = b"pegbar key 1";
+pub const KEY_VERSION: &str = "pegbar key 2";
 
-/// Keys of the values of a plan, found when they are asked for and then remembered.
+/// What a content key begins with; a task's key never has it there, as its length is another.
+const CONTENT: &[u8] = b"content";
+
+/// Stands for the key of a task that nobody wants; no hash is nought.
+const UNWANTED: [u8; 32] = [0; 32];
+
+/// Keys of all tasks of a plan.
 ///
-/// Cost: one short hash for each task and each read of it; each file is read once.
-pub struct Keys<'a> {
-    graph: &'a Graph,
-    plan: &'a Plan,
-    /// For each node, what is the same for all its tasks.
-    fixed: Vec<Option<Hash>>,
-    tasks: Vec<Vec<Option<Hash>>>,
-    files: BTreeMap<PathBuf, Hash>,
-    known: BTreeMap<Port, Hash>,
+/// Cost: for each task one short hash, of one block of 64 bytes where it reads up to two values. Each file is read once, or not at all where its
+/// stamp is known.
+#[derive(Clone)]
+pub struct Keys {
+    nodes: Vec<NodeKeys>,
+    tasks: Vec<[u8; 32]>,
 }
 
-impl<'a> Keys<'a> {
-    /// Keys of what `plan` makes of `graph`.
-    pub fn new(graph: &'a Graph, plan: &'a Plan) -> Self {
-        let tasks = plan.nodes.iter().map(|n| vec![None; n.wanted.len()]).collect();
-        Self { graph, plan, fixed: vec![None; graph.nodes.len()], tasks, files: BTreeMap::new(), known: BTreeMap::new() }
-    }
+#[derive(Clone)]
+struct NodeKeys {
+    schema: Arc<NodeSchema>,
+    runs_once: bool,
+    /// Its tasks in the row of all.
+    first: usize,
+    len: usize,
+    /// Hash of what is the same for all its tasks.
+    facts: [u8; 32],
+    /// The first frame of its clock, where its tasks see which frame they make.
+    first_frame: Option<i64>,
+    /// Digests of the files that each task reads, where they have frame numbers.
+    files: Vec<Vec<[u8; 32]>>,
+}
 
-    /// The key of the value of `port` at `frame`, which is not looked at where there is one value for the whole graph. For the port after the last
-    /// of a recurrent node it is that of its state; a sink, which has no ports, has its key at port 0.
+impl Keys {
+    /// Keys of what `plan` makes of `graph`.
     ///
     /// # Errors
-    /// Where the plan does not make that value, or a file that it hangs on cannot be read.
-    pub fn key(&mut self, port: Port, frame: i64) -> Result<Hash, PlanError> {
-        if let Some(hash) = self.known_key(port) {
-            return Ok(hash);
+    /// Where a file that a task hangs on cannot be read.
+    pub fn of(graph: &Graph, plan: &Plan, files: &Files) -> Result<Self, PlanError> {
+        let mut nodes = Vec::with_capacity(graph.nodes.len());
+        let mut first = 0;
+        for (node, spec) in graph.nodes.iter().enumerate() {
+            let len = plan.nodes[node].wanted.len();
+            nodes.push(NodeKeys::of(graph, plan, node, first, files)?);
+            first += len;
+            debug_assert_eq!(len, if spec.runs_once() { 1 } else { spec.clock.len() });
         }
-        let node = &self.graph.nodes[port.node];
-        let index = if self.graph.is_single(port) { Some(0) } else { node.clock.index(frame) };
-        let wanted = &self.plan.nodes[port.node].wanted;
-        let task = index.map(|i| if node.runs_once() { 0 } else { i });
-        match (index, task) {
-            (Some(index), Some(task)) if wanted.get(task) == Some(&true) => {
-                self.find(port.node, task)?;
-                self.value_key(port, index)
-            }
-            _ => {
-                let message = format!("expected a frame of the plan, found frame {frame} of `{}`", node.name);
-                Err(PlanError { node: port.node, frame: Some(frame), error: NodeError::internal(message) })
-            }
+        let mut keys = Self { nodes, tasks: vec![UNWANTED; first] };
+        for node in consumers_first(graph).into_iter().rev() {
+            keys.fill(graph, plan, node);
         }
+        Ok(keys)
     }
 
-    fn known_key(&mut self, port: Port) -> Option<Hash> {
-        let value = self.plan.known.get(&port)?;
-        Some(*self.known.entry(port).or_insert_with(|| crate::value::digest(value.as_ref())))
+    /// The key of a task; `None` where the plan does not want it.
+    pub fn task(&self, node: usize, task: usize) -> Option<&[u8; 32]> {
+        let node = self.nodes.get(node)?;
+        self.tasks[node.first..node.first + node.len].get(task).filter(|key| **key != UNWANTED)
     }
 
-    /// Finds the key of a task, after those of all that it reads. Chains of states are long, so that this keeps its own stack.
-    fn find(&mut self, node: usize, task: usize) -> Result<(), PlanError> {
-        let mut stack = vec![(node, task)];
-        while let Some(&(node, task)) = stack.last() {
-            let before = stack.len();
-            if self.tasks[node][task].is_none() {
-                let plan = self.plan;
-                for edge in &plan.nodes[node].edges {
-                    let missing = self.reads(edge, task).into_iter().map(|i| (edge.port.node, self.task_of(edge.port, i)));
-                    stack.extend(missing.filter(|&(n, t)| self.tasks[n][t].is_none()));
-                }
-            }
-            if stack.len() == before {
-                stack.pop();
-                if self.tasks[node][task].is_none() {
-                    self.tasks[node][task] = Some(self.task_key(node, task)?);
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Positions of the values that an edge brings to a task.
-    fn reads(&self, edge: &Edge, task: usize) -> Vec<usize> {
-        match &edge.reads {
-            Reads::Same => vec![task],
-            Reads::Held => vec![0],
-            Reads::All if self.graph.is_single(edge.port) => vec![0],
-            Reads::All => (0..self.graph.nodes[edge.port.node].clock.len()).collect(),
-            Reads::Lists(lists) => lists.forward.get(task).map_or_else(Vec::new, |l| l.iter().map(|&i| i as usize).collect()),
-        }
-    }
-
-    fn task_of(&self, port: Port, index: usize) -> usize {
-        if self.graph.nodes[port.node].runs_once() { 0 } else { index }
-    }
-
-    /// The key of one value of a task whose key is found.
-    fn value_key(&self, port: Port, index: usize) -> Result<Hash, PlanError> {
-        let node = &self.graph.nodes[port.node];
-        let lost = || PlanError { node: port.node, frame: None, error: NodeError::internal("a key was used before it was found") };
-        let task = self.tasks[port.node].get(self.task_of(port, index)).copied().flatten().ok_or_else(lost)?;
-        let mut hasher = Hasher::new();
-        hasher.update(task.as_bytes());
-        put(&mut hasher, node.ty.schema.outputs.get(port.output).map_or("state", |o| o.name).as_bytes());
+    /// The key of the value at position `index` of an output; the output after the last is the state of a recurrent node, and a sink has its one
+    /// key at output 0. Derived from the task's key, so that it says nothing where [`Keys::task`] has none.
+    pub fn value(&self, node: usize, output: usize, index: usize) -> [u8; 32] {
+        let keys = &self.nodes[node];
         // One task of a node that runs once gives the values of all frames.
-        let part = if node.runs_once() { index as u64 } else { 0 };
+        let (task, part) = if keys.runs_once { (0, index as u64) } else { (index, 0) };
+        let mut hasher = Hasher::new_keyed(self.task(node, task).unwrap_or(&UNWANTED));
         hasher.update(&part.to_le_bytes());
-        Ok(hasher.finalize())
+        hasher.update(keys.schema.outputs.get(output).map_or("state", |o| o.name).as_bytes());
+        *hasher.finalize().as_bytes()
     }
 
-    fn task_key(&mut self, node: usize, task: usize) -> Result<Hash, PlanError> {
-        let (graph, plan) = (self.graph, self.plan);
+    /// The content key of a task: the facts of its key, with the digests of the values that it reads in place of their keys. Tasks with one content
+    /// key give the same bits, whatever led to what they read. `digests` gives the digest of the value at a position of what an edge brings.
+    ///
+    /// `None` where a digest is not known, the plan does not want the task, or it reads no value, so that its own key says as much.
+    pub fn content(
+        &self,
+        graph: &Graph,
+        plan: &Plan,
+        node: usize,
+        task: usize,
+        mut digests: impl FnMut(usize, usize) -> Option<[u8; 32]>,
+    ) -> Option<[u8; 32]> {
+        self.task(node, task)?;
+        let keys = &self.nodes[node];
+        let mut message = CONTENT.to_vec();
+        keys.put_own(&mut message, task);
+        let mut count = 0_usize;
+        for (e, edge) in plan.nodes[node].edges.iter().enumerate() {
+            put_reads(&mut message, graph, edge, task, |message, index| {
+                count += 1;
+                message.extend(digests(e, index)?);
+                Some(())
+            })?;
+        }
+        (count > 0).then(|| *blake3::keyed_hash(&keys.facts, &message).as_bytes())
+    }
+
+    /// Finds the keys of a node's tasks; those of all that it reads are there.
+    fn fill(&mut self, graph: &Graph, plan: &Plan, node: usize) {
+        let edges: Vec<(&Edge, Option<[u8; 32]>)> = plan.nodes[node].edges.iter().map(|e| (e, self.whole(e))).collect();
+        let is_part: Vec<bool> = edges.iter().map(|(e, _)| is_part(graph, e.port)).collect();
+        let mut message = Vec::new();
+        for task in chain_order(plan, node) {
+            message.clear();
+            self.nodes[node].put_own(&mut message, task);
+            for ((edge, whole), is_part) in edges.iter().zip(&is_part) {
+                match whole {
+                    Some(whole) => message.extend(whole),
+                    None => self.put_keys(&mut message, graph, edge, task, *is_part),
+                }
+            }
+            let keys = &self.nodes[node];
+            self.tasks[keys.first + task] = *blake3::keyed_hash(&keys.facts, &message).as_bytes();
+        }
+    }
+
+    fn put_keys(&self, message: &mut Vec<u8>, graph: &Graph, edge: &Edge, task: usize, is_part: bool) {
+        let producer = &self.nodes[edge.port.node];
+        // It never gives up, as every key is there.
+        let _ = put_reads(message, graph, edge, task, |message, index| {
+            message.extend(self.tasks[producer.first + if producer.runs_once { 0 } else { index }]);
+            if is_part {
+                message.extend((index as u64).to_le_bytes());
+            }
+            Some(())
+        });
+    }
+
+    /// What stands for a whole sequence in the key of each task that reads it.
+    fn whole(&self, edge: &Edge) -> Option<[u8; 32]> {
+        let producer = &self.nodes[edge.port.node];
+        let keys = self.tasks[producer.first..producer.first + producer.len].as_flattened();
+        matches!(edge.reads, Reads::All).then(|| *blake3::hash(keys).as_bytes())
+    }
+}
+
+impl NodeKeys {
+    fn of(graph: &Graph, plan: &Plan, node: usize, first: usize, files: &Files) -> Result<Self, PlanError> {
         let spec = &graph.nodes[node];
+        let wanted = &plan.nodes[node].wanted;
+        let mut keys = Self {
+            schema: spec.ty.schema.clone(),
+            runs_once: spec.runs_once(),
+            first,
+            len: wanted.len(),
+            facts: UNWANTED,
+            first_frame: (sees_frame(spec) && !spec.runs_once()).then_some(spec.clock.first),
+            files: Vec::new(),
+        };
+        if !wanted.contains(&true) {
+            return Ok(keys);
+        }
+        let failed = |frame: Option<i64>| move |error| PlanError { node, frame, error };
+        let constant = |port| plan.known.get(&port).map(|value| *crate::value::digest(value.as_ref()).as_bytes());
         let mut hasher = Hasher::new();
-        hasher.update(self.fixed(node).as_bytes());
-        let frame = if spec.runs_once() { spec.clock.first } else { spec.clock.first + task as i64 };
-        if sees_frame(spec) && !spec.runs_once() {
-            put(&mut hasher, &frame.to_le_bytes());
+        hasher.update(KEY_VERSION.as_bytes());
+        for fact in facts(graph, node, constant, |path| files.digest(path)).map_err(failed(None))? {
+            fact.put(&mut hasher);
         }
-        let mut edges = plan.nodes[node].edges.iter();
-        for (binding, input) in spec.inputs.iter().zip(&spec.ty.schema.inputs) {
-            put(&mut hasher, input.name.as_bytes());
-            let file = self.file(spec, binding, input, frame);
-            if let Some(file) = file.map_err(|error| PlanError { node, frame: Some(frame), error })? {
-                hasher.update(file.as_bytes());
-            }
-            for port in wires(std::slice::from_ref(binding)) {
-                match self.known_key(port) {
-                    Some(hash) => drop(hasher.update(hash.as_bytes())),
-                    None => self.put_reads(&mut hasher, node, edges.next(), task)?,
-                }
+        keys.facts = *hasher.finalize().as_bytes();
+        if read_paths(spec).any(|p| p.is_sequence()) {
+            keys.files = vec![Vec::new(); wanted.len()];
+            for task in (0..wanted.len()).filter(|&k| wanted[k]) {
+                let frame = (!spec.runs_once()).then(|| spec.clock.first + task as i64);
+                let digests = paths(spec, task, true).into_iter().map(|path| files.digest(&path?));
+                keys.files[task] = digests.collect::<Result<_, _>>().map_err(failed(frame))?;
             }
         }
-        // What is left is the read of the node's own state.
-        self.put_reads(&mut hasher, node, edges.next(), task)?;
-        Ok(hasher.finalize())
+        Ok(keys)
     }
 
-    fn put_reads(&self, hasher: &mut Hasher, node: usize, edge: Option<&Edge>, task: usize) -> Result<(), PlanError> {
-        let Some(edge) = edge else { return Ok(()) };
-        let reads = self.reads(edge, task);
-        let clock = &self.graph.nodes[edge.port.node].clock;
-        hasher.update(&(reads.len() as u64).to_le_bytes());
-        // A node that reads a sequence, or asks for frames, can look at the clock that they are on.
-        if matches!(edge.reads, Reads::All | Reads::Lists(_)) && !self.graph.is_single(edge.port) && edge.port.node != node {
-            put_clock(hasher, clock, true, matches!(edge.reads, Reads::All) || sees_range(&self.graph.nodes[node]));
+    /// The frame, for a node that sees it, and the files of a task.
+    fn put_own(&self, message: &mut Vec<u8>, task: usize) {
+        if let Some(first) = self.first_frame {
+            message.extend((first + task as i64).to_le_bytes());
         }
-        for index in reads {
-            if matches!(edge.reads, Reads::Lists(_)) {
-                hasher.update(&(clock.first + index as i64).to_le_bytes());
-            }
-            hasher.update(self.value_key(edge.port, index)?.as_bytes());
-        }
-        Ok(())
-    }
-
-    /// What is the same for every task of a node.
-    fn fixed(&mut self, node: usize) -> Hash {
-        if let Some(hash) = self.fixed[node] {
-            return hash;
-        }
-        let spec = &self.graph.nodes[node];
-        let schema = &spec.ty.schema;
-        let mut hasher = Hasher::new();
-        put(&mut hasher, SALT);
-        put(&mut hasher, schema.id.as_bytes());
-        hasher.update(&schema.version.to_le_bytes());
-        if spec.per_frame || sees_range(spec) {
-            put_clock(&mut hasher, &spec.clock, sees_frame(spec), sees_range(spec));
-        }
-        for (binding, input) in spec.inputs.iter().zip(&schema.inputs) {
-            put(&mut hasher, input.name.as_bytes());
-            match binding {
-                Binding::None => put(&mut hasher, b"none"),
-                Binding::Literal { value, .. } if is_clock(value) => put(&mut hasher, b"clock"),
-                Binding::Literal { text, .. } if input.files == FileUse::None => {
-                    put(&mut hasher, b"literal");
-                    put(&mut hasher, canonical(text, !input.choices.is_empty()).as_bytes());
-                }
-                Binding::Literal { .. } => put(&mut hasher, b"file"),
-                Binding::Wire(_) => put(&mut hasher, b"wire"),
-                Binding::List(ports) => put(&mut hasher, &[b"list", (ports.len() as u64).to_le_bytes().as_slice()].concat()),
-            }
-        }
-        let hash = hasher.finalize();
-        self.fixed[node] = Some(hash);
-        hash
-    }
-
-    /// What a path stands for at a frame: the content of the file that is read, or the place below the output folder that is written.
-    fn file(&mut self, spec: &GraphNode, binding: &Binding, input: &InputSchema, frame: i64) -> Result<Option<Hash>, NodeError> {
-        let Binding::Literal { value, .. } = binding else { return Ok(None) };
-        match input.files {
-            FileUse::None => Ok(None),
-            FileUse::Read => {
-                let Some(path) = of::<InputPath>(value) else { return Ok(None) };
-                let pick = path.resolve(frame, missing(spec));
-                let pick =
-                    pick.ok_or_else(|| NodeError::input(format!("expected a file for frame {frame} of {}, found none", path.pattern())))?;
-                self.content(&pick).map(Some)
-            }
-            FileUse::Write => {
-                let Some(path) = of::<OutputPath>(value) else { return Ok(None) };
-                let file = path.at(frame);
-                let below = file.strip_prefix(path.root()).unwrap_or(&file);
-                Ok(Some(blake3::hash(below.to_string_lossy().as_bytes())))
-            }
-        }
-    }
-
-    /// The content of a file with how its name ends, which tells readers what it is.
-    fn content(&mut self, path: &Path) -> Result<Hash, NodeError> {
-        if let Some(hash) = self.files.get(path) {
-            return Ok(*hash);
-        }
-        let file = std::fs::File::open(path).map_err(|e| NodeError::io(path, e))?;
-        let mut hasher = Hasher::new();
-        put(&mut hasher, path.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_bytes());
-        hasher.update_reader(file).map_err(|e| NodeError::io(path, e))?;
-        let hash = hasher.finalize();
-        self.files.insert(path.to_owned(), hash);
-        Ok(hash)
+        self.files.get(task).into_iter().flatten().for_each(|digest| message.extend(digest));
     }
 }
 
-/// A field with its length before it, so that no two rows of fields run together.
-fn put(hasher: &mut Hasher, field: &[u8]) {
-    hasher.update(&(field.len() as u64).to_le_bytes());
-    hasher.update(field);
-}
-
-/// The rate of a clock; its first frame for whoever counts from there, and its last for whoever looks that far.
-fn put_clock(hasher: &mut Hasher, clock: &Clock, first: bool, last: bool) {
-    put(hasher, b"clock");
-    hasher.update(&clock.fps.0.to_le_bytes());
-    hasher.update(&clock.fps.1.to_le_bytes());
-    if first || last {
-        hasher.update(&clock.first.to_le_bytes());
-    }
-    if last {
-        hasher.update(&clock.last.to_le_bytes());
-    }
-}
-
-/// A setting of type `T`, or one that may be left out and is not.
-fn of<T: Clone + 'static>(value: &Literal) -> Option<T> {
-    value.downcast_ref::<T>().cloned().or_else(|| value.downcast_ref::<Option<T>>().cloned().flatten())
-}
-
-fn is_clock(value: &Literal) -> bool {
-    value.is::<ClockName>() || value.is::<Option<ClockName>>()
-}
-
-fn literals(spec: &GraphNode) -> impl Iterator<Item = &Literal> {
-    spec.inputs.iter().filter_map(|b| if let Binding::Literal { value, .. } = b { Some(value) } else { None })
-}
-
-fn missing(spec: &GraphNode) -> Missing {
-    literals(spec).find_map(|v| v.downcast_ref::<Missing>().copied()).unwrap_or_default()
-}
-
-/// True for a node whose result may differ from frame to frame though its inputs do not.
-fn sees_frame(spec: &GraphNode) -> bool {
-    let schema = &spec.ty.schema;
-    let is_pattern =
-        |v: &Literal| of::<InputPath>(v).is_some_and(|p| p.is_sequence()) || of::<OutputPath>(v).is_some_and(|p| p.is_sequence());
-    schema.uses_frame
-        || schema.kind == Kind::Recurrent
-        || (schema.kind == Kind::Source && spec.per_frame)
-        || schema.inputs.iter().any(|i| i.access == Access::Frames)
-        || literals(spec).any(is_pattern)
-}
-
-/// True for a node whose result may differ with the first and last frame of its clock.
-fn sees_range(spec: &GraphNode) -> bool {
-    spec.ty.schema.uses_frame || spec.ty.schema.kind == Kind::Whole || literals(spec).any(is_clock)
-}
-
-/// A literal such that equal values read the same: no blanks or comments, no comma before a bracket that closes, numbers and texts by their
-/// values, and a word of an enumeration without quotes.
-fn canonical(text: &str, is_word: bool) -> String {
-    let tree = Tree::parse(text.to_owned());
-    if let Some(word) = tree.value().filter(|_| is_word).and_then(NodeRef::as_str) {
-        return word.into_value().into_owned();
-    }
-    let mut out = String::new();
-    let texts: BTreeMap<usize, String> = (tree.root().descendants().filter(|n| n.kind() == NodeKind::String))
-        .filter_map(|n| Some((n.span().start, format!("{:?}", n.as_str()?.into_value()))))
-        .collect();
-    for token in tree.tokens().filter(|t| !t.kind().is_trivia()) {
-        if matches!(token.kind(), TokenKind::RParen | TokenKind::RBracket | TokenKind::RBrace) && out.ends_with(',') {
-            out.pop();
+/// Adds what a task reads by an edge. How many values that are follows from the facts of the node, or is written before them.
+fn put_reads(
+    message: &mut Vec<u8>,
+    graph: &Graph,
+    edge: &Edge,
+    task: usize,
+    mut put: impl FnMut(&mut Vec<u8>, usize) -> Option<()>,
+) -> Option<()> {
+    match &edge.reads {
+        Reads::Same => put(message, task),
+        Reads::Held => put(message, 0),
+        Reads::All if graph.is_single(edge.port) => put(message, 0),
+        Reads::All => (0..graph.nodes[edge.port.node].clock.len()).try_for_each(|index| put(message, index)),
+        Reads::Lists(lists) => {
+            let list = lists.forward.get(task).map_or(&[][..], Vec::as_slice);
+            message.extend((list.len() as u64).to_le_bytes());
+            let first = graph.nodes[edge.port.node].clock.first;
+            list.iter().try_for_each(|&index| {
+                message.extend((first + i64::from(index)).to_le_bytes());
+                put(message, index as usize)
+            })
         }
-        match (texts.get(&token.span().start), token.kind()) {
-            (Some(text), _) => out.push_str(text),
-            (None, TokenKind::Number) => out.push_str(&number(token.text())),
-            (None, _) => out.push_str(token.text()),
+    }
+}
+
+/// The tasks of a node that are wanted, such that a state comes before the task that starts from it.
+fn chain_order(plan: &Plan, node: usize) -> Vec<usize> {
+    let node_plan = &plan.nodes[node];
+    let wanted = (0..node_plan.wanted.len()).filter(|&k| node_plan.wanted[k]);
+    let previous = node_plan.edges.last().filter(|e| e.port.node == node).map(|e| &e.reads);
+    let Some(Reads::Lists(previous)) = previous else { return wanted.collect() };
+    let mut is_placed = vec![false; node_plan.wanted.len()];
+    let (mut order, mut chain) = (Vec::new(), Vec::new());
+    for task in wanted {
+        let mut at = Some(task);
+        while let Some(task) = at.filter(|&k| !is_placed[k]) {
+            is_placed[task] = true;
+            chain.push(task);
+            at = previous.forward[task].first().map(|&k| k as usize);
+        }
+        order.extend(chain.drain(..).rev());
+    }
+    order
+}
+
+/// The files that a task reads, as its settings say, in the order of its inputs; only those with frame numbers for `numbered`.
+fn paths(spec: &GraphNode, task: usize, numbered: bool) -> Vec<Result<PathBuf, NodeError>> {
+    let policy = missing(spec);
+    let pick = |path: &InputPath, frame: i64| {
+        let nothing = || NodeError::input(format!("expected a file for frame {frame} of {}, found none", path.pattern()));
+        path.resolve(frame, policy).ok_or_else(nothing)
+    };
+    let mut out = Vec::new();
+    for path in read_paths(spec).filter(|p| p.is_sequence() || !numbered) {
+        if path.is_sequence() && spec.runs_once() {
+            // A node that runs once may look at any of them.
+            out.extend(spec.clock.frames().map(|frame| pick(&path, frame)));
+        } else {
+            out.push(pick(&path, spec.clock.first + task as i64));
         }
     }
     out
 }
 
-/// A number by its value: whole numbers as such, all others in the shortest form that reads back the same.
-fn number(text: &str) -> String {
-    let plain = text.replace('_', "");
-    let whole = plain.strip_prefix('+').unwrap_or(&plain);
-    if let Ok(n) = whole.parse::<i128>() {
-        // Minus nought is another float than nought.
-        return if n == 0 && whole.starts_with('-') { "-0".to_owned() } else { n.to_string() };
-    }
-    match plain.parse::<f64>() {
-        // Above that not every whole number is a float, so that the two forms may differ.
-        Ok(n) if n == n.trunc() && n.abs() < 9e15 => format!("{n:.0}"),
-        Ok(n) => format!("{n:e}"),
-        Err(_) => plain,
-    }
+/// The files that a task reads, as its settings and its policy for missing frames say. A file that is to be read and is not there is left out.
+pub fn files_of(graph: &Graph, node: usize, task: usize) -> Vec<PathBuf> {
+    paths(&graph.nodes[node], task, false).into_iter().flatten().collect()
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn equal_literals_read_the_same() {
-        let same = [
-            ("1.0", "1.00"),
-            ("1", "1.0"),
-            ("1e3", "1000"),
-            ("1_000", "+1000"),
-            ("[1, 2,]", "[ 1,2.0 ]"),
-            ("(0.5,)", "(5e-1)"),
-            ("\"a\\u{62}\"", "r\"ab\""),
-            ("-0", "-0.0"),
-            ("[/* no */ 1]", "[1]"),
-        ];
-        for (a, b) in same {
-            assert_eq!(canonical(a, false), canonical(b, false), "{a} {b}");
-        }
-        let other = [
-            ("0", "-0"),
-            ("1", "1.0000000000000002"),
-            ("\"1\"", "1"),
-            ("[1,2]", "[12]"),
-            ("\"a b\"", "\"ab\""),
-            ("1e16", "1e17"),
-            ("\",]\"", "\"]\""),
-        ];
-        for (a, b) in other {
-            assert_ne!(canonical(a, false), canonical(b, false), "{a} {b}");
-        }
-        assert_eq!(canonical("\"cubic\"", true), canonical("cubic", true));
-    }
+/// Every file that the tasks of a plan read, each once, in order.
+pub fn files_of_plan(graph: &Graph, plan: &Plan) -> Vec<PathBuf> {
+    let tasks = plan.nodes.iter().enumerate().flat_map(|(n, p)| (0..p.wanted.len()).filter(|&k| p.wanted[k]).map(move |k| (n, k)));
+    let reads = |n: &usize| read_paths(&graph.nodes[*n]).next().is_some();
+    let mut files: Vec<PathBuf> = tasks.filter(|(n, _)| reads(n)).flat_map(|(n, k)| files_of(graph, n, k)).collect();
+    files.sort_unstable();
+    files.dedup();
+    files
 }

@@ -17,6 +17,7 @@ pub mod npz;
 pub mod plan;
 pub mod registry;
 pub mod setting;
+pub mod stamp;
 pub mod syntax;
 pub mod value;
 

@@ -147,7 +147,7 @@ pub fn plan(graph: &Graph, targets: &[Target], keep: &[Port], known: Known) -> R
 }
 
 /// Nodes such that whoever reads comes before what it reads.
-fn consumers_first(graph: &Graph) -> Vec<usize> {
+pub(crate) fn consumers_first(graph: &Graph) -> Vec<usize> {
     let mut net = DiGraph::<(), ()>::with_capacity(graph.nodes.len(), graph.nodes.len() * 2);
     let indices: Vec<NodeIndex> = graph.nodes.iter().map(|_| net.add_node(())).collect();
     for (i, node) in graph.nodes.iter().enumerate() {

@@ -340,6 +340,11 @@ impl Pattern {
         }
     }
 
+    /// The path with its frame number as `####`.
+    fn text(&self) -> String {
+        format!("{}{}{}", self.before, "#".repeat(self.digits.unwrap_or(0)), self.after)
+    }
+
     /// The frame number in `name`, where it is a file of this pattern.
     fn frame_of(&self, path: &str) -> Option<i64> {
         let middle = path.strip_prefix(self.before.as_str())?.strip_suffix(self.after.as_str())?;
@@ -368,8 +373,7 @@ impl InputPath {
 
     /// The path as written, below the graph's folder.
     pub fn pattern(&self) -> String {
-        let digits = "#".repeat(self.0.digits.unwrap_or(0));
-        format!("{}{digits}{}", self.0.before, self.0.after)
+        self.0.text()
     }
 
     /// Numbers of the frames whose files are there, ascending.
@@ -437,6 +441,11 @@ impl OutputPath {
     /// The file of a frame.
     pub fn at(&self, frame: i64) -> PathBuf {
         self.pattern.at(frame)
+    }
+
+    /// The path as written, below the output folder.
+    pub fn pattern(&self) -> String {
+        self.pattern.text()
     }
 
     /// The output folder.

@@ -3,16 +3,18 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use blake3::Hash;
-
 use crate::check::{LoadOptions, load};
 use crate::exec::{Options, execute};
 use crate::graph::{Graph, Port};
-use crate::key::Keys;
+use crate::key::{Keys, files_of, files_of_plan};
 use crate::node::{InputSchema, InputType, Kind};
 use crate::plan::{Known, Plan, Planned, Target, plan};
+use crate::stamp::Files;
 
 use super::check_nodes::registry;
+
+/// Keys of values by port and frame.
+type Found = BTreeMap<(String, i64), [u8; 32]>;
 
 const FRAMES: &str = "frames: (first: 1, last: 4, fps: 24)";
 
@@ -41,29 +43,32 @@ fn planned(graph: &Graph) -> Plan {
 }
 
 /// The keys of every output, by node, output and frame.
-fn keys(graph: &Graph) -> BTreeMap<(String, i64), Hash> {
-    let plan = planned(graph);
-    let mut keys = Keys::new(graph, &plan);
+fn keys(graph: &Graph) -> Found {
+    let keys = found(graph, &planned(graph));
     let mut out = BTreeMap::new();
     for (node, spec) in graph.nodes.iter().enumerate() {
         for output in 0..spec.ty.schema.outputs.len().max(1) {
             let port = Port { node, output };
-            let frames: Vec<i64> = if graph.is_single(port) { vec![spec.clock.first] } else { spec.clock.frames().collect() };
-            for frame in frames {
-                let key = keys.key(port, frame).unwrap_or_else(|e| panic!("{}", e.error));
-                out.insert((graph.port_name(port), frame), key);
+            let values = if graph.is_single(port) { 1 } else { spec.clock.len() };
+            for index in 0..values {
+                let key = keys.value(node, output, index);
+                out.insert((graph.port_name(port), spec.clock.first + index as i64), key);
             }
         }
     }
     out
 }
 
-fn keys_of(nodes: &str) -> BTreeMap<(String, i64), Hash> {
+fn found(graph: &Graph, plan: &Plan) -> Keys {
+    Keys::of(graph, plan, &Files::new(None)).unwrap_or_else(|e| panic!("{}", e.error))
+}
+
+fn keys_of(nodes: &str) -> Found {
     keys(&graph_in(tempfile::tempdir().unwrap().path(), FRAMES, nodes))
 }
 
 /// Frames of `port` whose keys differ.
-fn changed(before: &BTreeMap<(String, i64), Hash>, after: &BTreeMap<(String, i64), Hash>, port: &str) -> Vec<i64> {
+fn changed(before: &Found, after: &Found, port: &str) -> Vec<i64> {
     before.iter().filter(|((p, _), _)| p == port).filter(|(k, h)| after.get(*k) != Some(*h)).map(|((_, f), _)| *f).collect()
 }
 
@@ -76,7 +81,7 @@ const NODES: &str = r#"
 #[test]
 fn every_value_has_a_key_of_its_own() {
     let keys = keys_of(NODES);
-    let different: BTreeSet<&[u8]> = keys.values().map(|h| h.as_bytes().as_slice()).collect();
+    let different: BTreeSet<&[u8]> = keys.values().map(<[u8; 32]>::as_slice).collect();
     // The state of a chain and its value are told apart by their names, and so is all else.
     assert_eq!(different.len(), keys.len());
     assert_eq!(keys, keys_of(NODES), "keys are the same every time");
@@ -145,7 +150,7 @@ fn frames_with_equal_inputs_share_a_key_unless_the_node_sees_its_frame() {
     std::fs::write(folder.path().join("p.1.txt"), "x").unwrap();
     let nodes = r#""p": (type: "test.read", path: "p.#.txt", missing: hold), "f": (type: "test.frame"), "a": (type: "test.add", a: "@p")"#;
     let keys = keys(&graph_in(folder.path(), FRAMES, nodes));
-    let of = |port: &str| keys.iter().filter(|((p, _), _)| p == port).map(|(_, h)| *h.as_bytes()).collect::<BTreeSet<_>>().len();
+    let of = |port: &str| keys.iter().filter(|((p, _), _)| p == port).map(|(_, h)| *h).collect::<BTreeSet<_>>().len();
     assert_eq!((of("p.value"), of("f.value")), (4, 4));
 }
 
@@ -184,7 +189,7 @@ fn a_file_that_cannot_be_read_is_told() {
     let graph = graph_in(folder.path(), FRAMES, r#""q": (type: "test.read", path: "q.txt"), "a": (type: "test.add", a: "@q")"#);
     std::fs::remove_file(folder.path().join("q.txt")).unwrap();
     let plan = planned(&graph);
-    let error = Keys::new(&graph, &plan).key(Port { node: 1, output: 0 }, 1).unwrap_err();
+    let error = Keys::of(&graph, &plan, &Files::new(None)).err().unwrap();
     assert_eq!(error.node, 0);
     assert!(error.error.message.contains("q.txt"), "{}", error.error.message);
 }
@@ -194,10 +199,83 @@ fn a_long_chain_overflows_no_stack() {
     let nodes = r#""f": (type: "test.frame"), "t": (type: "test.total", stream: "@f")"#;
     let graph = graph_in(tempfile::tempdir().unwrap().path(), "frames: (first: 1, last: 50000, fps: 24)", nodes);
     let plan = planned(&graph);
-    let mut keys = Keys::new(&graph, &plan);
-    let last = keys.key(Port { node: 1, output: 0 }, 50_000).unwrap_or_else(|e| panic!("{}", e.error));
-    assert_ne!(last, keys.key(Port { node: 1, output: 0 }, 49_999).unwrap_or_else(|e| panic!("{}", e.error)));
-    assert!(keys.key(Port { node: 1, output: 0 }, 50_001).is_err());
+    let keys = found(&graph, &plan);
+    let different: BTreeSet<_> = (0..50_000).map(|task| keys.task(1, task).copied()).collect();
+    assert!(different.len() == 50_000 && !different.contains(&None));
+    assert_eq!(keys.task(1, 50_000), None);
+}
+
+#[test]
+fn only_what_is_wanted_has_a_key() {
+    let nodes = r#""f": (type: "test.frame"), "t": (type: "test.total", stream: "@f", start: 3), "w": (type: "test.window", stream: "@f")"#;
+    let graph = graph_in(tempfile::tempdir().unwrap().path(), FRAMES, nodes);
+    let target = |name: &str, frame| Target { node: graph.find(name).unwrap(), frames: Some(vec![frame]) };
+    let Ok(Planned::Ready(part)) = plan(&graph, &[target("t", 2), target("w", 1)], &[], Known::new()) else { panic!("no plan") };
+    let (part, whole) = (found(&graph, &part), found(&graph, &planned(&graph)));
+    let has = |name: &str| (0..5).map(|k| part.task(graph.find(name).unwrap(), k).is_some()).collect::<Vec<_>>();
+    assert_eq!(has("f"), [true, true, true, false, false]);
+    assert_eq!(has("t"), [false, true, true, false, false]);
+    assert_eq!(has("w"), [true, false, false, false, false]);
+    for (node, task) in [(0, 0), (0, 2), (1, 1), (1, 2), (2, 0)] {
+        assert_eq!(part.task(node, task), whole.task(node, task), "a key does not hang on what else is wanted");
+    }
+}
+
+#[test]
+fn content_keys_tell_tasks_apart_by_what_they_read() {
+    let graph = graph_in(tempfile::tempdir().unwrap().path(), FRAMES, NODES);
+    let plan = planned(&graph);
+    let keys = found(&graph, &plan);
+    let digest = |salt: u8| move |edge: usize, index: usize| Some([edge as u8 + 1, index as u8, salt].repeat(11)[..32].try_into().unwrap());
+    let mut all = BTreeSet::new();
+    let mut tasks = 0;
+    for (node, spec) in graph.nodes.iter().enumerate() {
+        for task in 0..plan.nodes[node].wanted.len() {
+            let of = |salt| keys.content(&graph, &plan, node, task, digest(salt));
+            assert_eq!(of(0), of(0));
+            assert_eq!(keys.content(&graph, &plan, node, task, |_, _| None), None);
+            let reads = !plan.nodes[node].edges.is_empty();
+            assert_eq!(of(0).is_some(), reads, "{}", spec.name);
+            if reads {
+                tasks += 1;
+                assert_ne!(of(0), of(1), "{}", spec.name);
+                assert_ne!(of(0).as_ref(), keys.task(node, task));
+                all.insert(of(0));
+            }
+        }
+    }
+    assert_eq!(all.len(), tasks, "node, frame and position count as in a key");
+    assert!(tasks > 20);
+}
+
+#[test]
+fn equal_contents_give_equal_content_keys_whatever_led_to_them() {
+    let graph = |b: &str| graph_in(tempfile::tempdir().unwrap().path(), FRAMES, &NODES.replace("b: \"@one\"", b));
+    let (wired, other) = (graph("b: \"@one\""), graph("b: 1.0"));
+    let content = |graph: &Graph, name: &str| {
+        let (plan, node) = (planned(graph), graph.find(name).unwrap());
+        found(graph, &plan).content(graph, &plan, node, 1, |_, index| Some([index as u8; 32]))
+    };
+    assert_eq!(content(&wired, "mean"), content(&other, "mean"));
+    assert_eq!(content(&wired, "total"), content(&other, "total"));
+    assert_ne!(content(&wired, "sum"), content(&other, "sum"));
+}
+
+#[test]
+fn the_files_of_a_task_are_those_that_its_reader_opens() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["p.1.txt", "p.3.txt", "q.txt"] {
+        std::fs::write(folder.path().join(name), name).unwrap();
+    }
+    let nodes = r#""p": (type: "test.read", path: "p.#.txt", missing: nearest), "q": (type: "test.read", path: "q.txt"), "a": (type: "test.add", a: "@p", b: "@q")"#;
+    let graph = graph_in(folder.path(), FRAMES, nodes);
+    let names = |files: Vec<std::path::PathBuf>| {
+        files.into_iter().map(|f| f.file_name().unwrap().to_string_lossy().into_owned()).collect::<Vec<_>>()
+    };
+    let of = |node, task| names(files_of(&graph, node, task));
+    assert_eq!([of(0, 0), of(0, 1), of(0, 2), of(0, 3)], [["p.1.txt"], ["p.1.txt"], ["p.3.txt"], ["p.3.txt"]]);
+    assert_eq!((of(1, 0), of(2, 0).len()), (vec!["q.txt".to_owned()], 0));
+    assert_eq!(names(files_of_plan(&graph, &planned(&graph))), ["p.1.txt", "p.3.txt", "q.txt"]);
 }
 
 /// Two literals of an input that differ, or two references.

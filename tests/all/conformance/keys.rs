@@ -9,6 +9,7 @@ use pegbar_engine::key::Keys;
 use pegbar_engine::node::{InputSchema, NodeSchema};
 use pegbar_engine::plan::{Known, Plan, Planned, Target, plan};
 use pegbar_engine::registry::Registry;
+use pegbar_engine::stamp::Files;
 use pegbar_nodes::registry;
 
 use super::standin::{Kind, check, fields, literals, reference, text, write_all};
@@ -33,17 +34,15 @@ fn planned(graph: &Graph) -> Result<Plan, String> {
 }
 
 /// The keys of all outputs of `x` at all frames.
-fn keys(graph: &Graph) -> Result<BTreeSet<String>, String> {
+fn keys(graph: &Graph) -> Result<BTreeSet<[u8; 32]>, String> {
     let plan = planned(graph)?;
-    let mut keys = Keys::new(graph, &plan);
+    let keys = Keys::of(graph, &plan, &Files::new(None)).map_err(|e| e.error.message)?;
     let node = graph.find("x").unwrap();
     let mut found = BTreeSet::new();
     for output in 0..graph.nodes[node].ty.schema.outputs.len().max(1) {
         let port = Port { node, output };
-        let frames: Vec<i64> = if graph.is_single(port) { vec![1] } else { graph.nodes[node].clock.frames().collect() };
-        for frame in frames {
-            found.insert(keys.key(port, frame).map_err(|e| e.error.message)?.to_string());
-        }
+        let values = if graph.is_single(port) { 1 } else { graph.nodes[node].clock.len() };
+        found.extend((0..values).map(|index| keys.value(node, output, index)));
     }
     Ok(found)
 }
