@@ -63,7 +63,8 @@ pub fn write<E: Display>(path: &Path, contents: impl FnOnce(&mut BufWriter<&File
     Ok(())
 }
 
-fn temporary_in(folder: &Path, path: &Path) -> io::Result<tempfile::NamedTempFile> {
+/// A file in `folder` with a name like that of `path`, gone with the value unless it is renamed.
+pub(crate) fn temporary_in(folder: &Path, path: &Path) -> io::Result<tempfile::NamedTempFile> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     // A long name with the random part added could be longer than names may be.
     let stem: String = name.chars().take(40).collect();

@@ -4,6 +4,7 @@ extern crate self as pegbar_engine;
 
 pub mod array;
 pub mod atomic;
+pub mod cache;
 pub mod check;
 pub mod clock;
 pub mod diag;

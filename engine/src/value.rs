@@ -189,18 +189,24 @@ pub fn downcast<T: Value>(value: ValueRef) -> Option<Arc<T>> {
 /// The content digest of a value: type, arrays, and text. The same for equal values on every machine of one byte order.
 pub fn digest(value: &dyn AnyValue) -> blake3::Hash {
     let parts = value.parts();
+    let arrays = parts.arrays.iter().map(|(name, array)| (*name, array.clone()));
+    digest_parts(value.type_name(), arrays, parts.meta)
+}
+
+/// The content digest of the value of the type `name` that is made of these parts, in the order of its type.
+pub(crate) fn digest_parts<'a>(name: &str, arrays: impl Iterator<Item = (&'a str, ArrayView<'a>)>, meta: Meta) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     let mut field = |bytes: &[u8]| {
         hasher.update(&(bytes.len() as u64).to_le_bytes());
         hasher.update(bytes);
     };
-    field(value.type_name().as_bytes());
-    for (name, array) in &parts.arrays {
+    field(name.as_bytes());
+    for (name, array) in arrays {
         field(name.as_bytes());
         field(crate::array::describe(array.dtype, &array.shape).as_bytes());
         field(array.bytes);
     }
-    field(serde_json::Value::Object(parts.meta).to_string().as_bytes());
+    field(serde_json::Value::Object(meta).to_string().as_bytes());
     hasher.finalize()
 }
 

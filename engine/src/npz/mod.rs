@@ -178,8 +178,54 @@ fn stacked_meta(mut metas: Vec<Meta>) -> Meta {
     std::iter::once((PER_FRAME.to_owned(), serde_json::Value::Array(list))).collect()
 }
 
+/// Hands on what is written until something fails, then swallows the rest: an archive finishes itself when it is dropped, and complains on stderr
+/// where it cannot.
+struct Fused<W> {
+    out: W,
+    at: u64,
+    end: u64,
+    has_failed: bool,
+}
+
+impl<W> Fused<W> {
+    /// Does something, unless something failed before, which then was the last thing done.
+    fn pass<T>(&mut self, otherwise: T, act: impl FnOnce(&mut W) -> io::Result<T>) -> io::Result<T> {
+        if self.has_failed {
+            return Ok(otherwise);
+        }
+        let done = act(&mut self.out);
+        self.has_failed = done.as_ref().is_err_and(|e| e.kind() != io::ErrorKind::Interrupted);
+        done
+    }
+}
+
+impl<W: Write> Write for Fused<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.pass(bytes.len(), |out| out.write(bytes))?;
+        self.at += written as u64;
+        self.end = self.end.max(self.at);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.pass((), W::flush)
+    }
+}
+
+impl<W: Seek> Seek for Fused<W> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let place = match to {
+            SeekFrom::Start(n) => n,
+            SeekFrom::Current(n) => self.at.saturating_add_signed(n),
+            SeekFrom::End(n) => self.end.saturating_add_signed(n),
+        };
+        self.at = self.pass(place, |out| out.seek(to))?;
+        Ok(self.at)
+    }
+}
+
 struct Writer<W: Write + Seek> {
-    zip: zip::ZipWriter<W>,
+    zip: zip::ZipWriter<Fused<W>>,
     options: SimpleFileOptions,
 }
 
@@ -188,7 +234,7 @@ impl<W: Write + Seek> Writer<W> {
         let method = if compress { CompressionMethod::Deflated } else { CompressionMethod::Stored };
         // A fixed time, so that the same value has the same bytes.
         let options = SimpleFileOptions::default().compression_method(method).last_modified_time(zip::DateTime::default());
-        Self { zip: zip::ZipWriter::new(out), options }
+        Self { zip: zip::ZipWriter::new(Fused { out, at: 0, end: 0, has_failed: false }), options }
     }
 
     fn array(&mut self, name: &str, dtype: DType, shape: &[usize], slices: &[&[u8]]) -> Result<(), NpzError> {
