@@ -47,6 +47,20 @@ const EXPLAIN_EXAMPLES: &str = "Examples:
   pegbar explain Affine2         the arrays that the type is made of, and the nodes that make and take it
   pegbar explain PB0142          what the code means, with a broken and a mended example";
 
+const CACHE_EXAMPLES: &str = "Examples:
+  pegbar cache stats                    how much there is, of what types, and how old
+  pegbar cache gc --to 2GiB             remove what was not used for longest
+  pegbar cache verify                   read everything, and remove what is damaged
+  pegbar cache clear --cache /tmp/show  remove everything
+
+The cache is the folder of --cache, else that of the variable PEGBAR_CACHE, else this user's own.
+Runs may use it at the same time: what is gone is computed again.
+
+Exit codes:
+  0  it is done
+  1  verify found damage, gc could not reach its aim, or the folder could not be read
+  2  the command line is wrong";
+
 /// Runs dataflow graphs of animation nodes: capture drawn motion, put it on other drawings, stylise it, lift it to 3D.
 #[derive(Debug, Parser)]
 #[command(name = "pegbar", version, about, after_help = CLI_EXAMPLES, arg_required_else_help = true, max_term_width = 110)]
@@ -81,6 +95,9 @@ pub(crate) enum Command {
         after_help = "Examples:\n  pegbar graph hat.ron --format svg > hat.svg\n  pegbar graph hat.ron --format dot | dot -Tpdf > hat.pdf\n\nThe same graph is always drawn the same."
     )]
     Graph(DrawArgs),
+    /// Look after the cache: what results are kept from run to run.
+    #[command(subcommand, after_help = CACHE_EXAMPLES)]
+    Cache(CacheCommand),
     /// Print a completion script for a shell.
     #[command(
         after_help = "Examples:\n  pegbar completions bash > ~/.local/share/bash-completion/completions/pegbar\n  pegbar completions zsh > ~/.zfunc/_pegbar"
@@ -173,6 +190,45 @@ pub(crate) enum Drawing {
     Svg,
 }
 
+/// What to do with the cache.
+#[derive(Debug, Subcommand)]
+pub(crate) enum CacheCommand {
+    /// Say what is in it.
+    Stats {
+        #[command(flatten)]
+        folder: CacheFolder,
+        /// Text for people, or JSON for programs.
+        #[arg(long, value_enum, default_value_t = Format::Text)]
+        format: Format,
+    },
+    /// Remove what was not used for longest, and what killed runs left behind.
+    Gc {
+        #[command(flatten)]
+        folder: CacheFolder,
+        /// Bytes to be left at most, as 500MB or 2GiB.
+        #[arg(long, value_name = "SIZE", value_parser = size)]
+        to: u64,
+    },
+    /// Read every value, and remove those that are damaged.
+    Verify {
+        #[command(flatten)]
+        folder: CacheFolder,
+    },
+    /// Remove everything.
+    Clear {
+        #[command(flatten)]
+        folder: CacheFolder,
+    },
+}
+
+/// Which cache.
+#[derive(Args, Debug)]
+pub(crate) struct CacheFolder {
+    /// Folder of the cache; PEGBAR_CACHE or this user's own if left out.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) cache: Option<PathBuf>,
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct CompletionsArgs {
     /// Shell.
@@ -200,6 +256,29 @@ pub(crate) enum Format {
     Text,
     /// For programs.
     Json,
+}
+
+/// Bytes: a number, and a unit if it is not bytes.
+pub(crate) fn size(text: &str) -> Result<u64, String> {
+    const UNITS: [(&str, u64); 9] = [
+        ("", 1),
+        ("B", 1),
+        ("kB", 1000),
+        ("MB", 1_000_000),
+        ("GB", 1_000_000_000),
+        ("TB", 1_000_000_000_000),
+        ("KiB", 1 << 10),
+        ("MiB", 1 << 20),
+        ("GiB", 1 << 30),
+    ];
+    let digits = text.bytes().take_while(|b| b.is_ascii_digit() || *b == b'.').count();
+    let (number, unit) = text.split_at(digits);
+    let unit = UNITS.iter().find(|(name, _)| name.eq_ignore_ascii_case(unit.trim_start())).map(|(_, bytes)| *bytes);
+    let bytes = number.parse::<f64>().ok().zip(unit).map(|(n, unit)| n * unit as f64);
+    match bytes {
+        Some(bytes) if bytes < 2f64.powi(63) => Ok(bytes as u64),
+        _ => Err(format!("expected a size as 500MB, 1.5GiB or 1000000, found `{text}`")),
+    }
 }
 
 fn pair(text: &str) -> Result<(String, String), String> {

@@ -3,6 +3,7 @@
 //! The engine is `pegbar_engine`, the nodes are `pegbar_nodes`; what is here reads arguments and shows results. One file a subcommand.
 
 mod args;
+mod cache;
 mod check;
 mod codes;
 mod completions;
@@ -41,6 +42,7 @@ where
         args::Command::Types(args) => list::types(&args, registry, console),
         args::Command::Explain(args) => explain::explain(&args, registry, console),
         args::Command::Graph(args) => graph::graph(&args, registry, console),
+        args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Completions(args) => completions::completions(&args, console),
     }
 }

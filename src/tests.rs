@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use clap::CommandFactory;
+use pegbar_engine::cache::Cache;
 use pegbar_engine::node::{Cancel, Context, In, NodeError, PerFrame};
 use pegbar_engine::registry::Registry;
 use pegbar_engine::setting::{ClockName, OutputPath};
-use pegbar_engine::value::Curve;
+use pegbar_engine::value::{Curve, digest};
 use pegbar_engine::{Node, Outputs};
 
 use crate::codes::CODES;
@@ -373,6 +374,59 @@ fn a_graph_is_drawn() {
     let svg = cli(&["graph", &shot.path("g.ron"), "--format", "svg"]);
     assert_eq!((svg.code, svg.out.starts_with("<svg "), svg.out.contains("test.gain")), (0, true, true));
     assert!(cli(&["graph", &shot.path("g.ron"), "--format", "dot"]).out.starts_with("digraph pegbar {"));
+}
+
+#[test]
+fn a_cache_is_described_checked_cut_down_and_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("cache");
+    let path = dir.to_string_lossy().into_owned();
+    let on = |args: &[&str]| cli(&[&["cache"], args, &["--cache", &path]].concat());
+    for args in [&["stats"][..], &["verify"], &["gc", "--to", "0"], &["clear"]] {
+        let ran = on(args);
+        assert_eq!((ran.code, ran.err.as_str(), dir.exists()), (0, "", false), "a folder that there is not: {args:?}");
+    }
+    let value = |n: u64| pegbar_engine::value::Vector { values: vec![n as f64; 9000] };
+    for n in 0..3 {
+        let cache = Cache::open(&dir, 1 << 30).unwrap();
+        cache.store(&[n; 32], digest(&value(n.into())).as_bytes(), &value(n.into()));
+    }
+    let stats = on(&["stats"]);
+    assert!(stats.out.contains("3 values, 3 keys, 0 notes\n217 kB of at most 21.5 GB\nlast used in generations 1 to 3"), "{}", stats.out);
+    assert!(stats.out.lines().any(|l| l.split_whitespace().eq(["Vector", "3", "217", "kB"])), "{}", stats.out);
+    let json: serde_json::Value = serde_json::from_str(&on(&["stats", "--format", "json"]).out).unwrap();
+    assert_eq!((&json["values"], &json["types"]["Vector"]["values"]), (&3.into(), &3.into()));
+    assert_eq!(on(&["verify"]).out, "3 values sound, 0 removed\n");
+    let hex = digest(&value(2)).to_hex();
+    std::fs::write(dir.join(format!("v1/blobs/{}/{hex}.npz", &hex[..2])), "torn").unwrap();
+    let ran = on(&["verify"]);
+    assert_eq!((ran.code, ran.out.as_str()), (1, "2 values sound, 1 removed\n"));
+    assert!(ran.err.contains(&format!("warning: {path}/v1: expected the Vector {hex}, found")), "{}", ran.err);
+    let ran = on(&["gc", "--to", "100kB"]);
+    assert_eq!((ran.code, ran.err.as_str()), (0, ""));
+    assert!(ran.out.starts_with("removed 1 value, 72.") && ran.out.ends_with(" kB left\n"), "{}", ran.out);
+    let left = Cache::open(&dir, 1 << 30).unwrap();
+    assert_eq!([0, 1, 2].map(|n| left.find(&[n; 32]).is_some()), [false, true, false]);
+    drop(left);
+    assert!(on(&["clear"]).out.starts_with("removed 1 value, 72."));
+    assert!(!dir.join("v1").exists());
+    std::fs::remove_dir(&dir).unwrap();
+    std::fs::write(&dir, "precious").unwrap();
+    for args in [&["stats"][..], &["verify"], &["gc", "--to", "0"], &["clear"]] {
+        let ran = on(args);
+        assert_eq!(ran.code, 1, "{args:?}");
+        assert!(ran.err.starts_with(&format!("error: {path}: opening failed: expected a folder, found a file")), "{}", ran.err);
+    }
+}
+
+#[test]
+fn sizes_are_read_with_their_units() {
+    let read = ["0", "12", "1.5kB", "2GiB", "3 mib", "500MB"].map(|t| crate::args::size(t).unwrap());
+    assert_eq!(read, [0, 12, 1500, 2 << 30, 3 << 20, 500_000_000]);
+    for text in ["", "GiB", "-1", "1.2.3", "1 parsec", "99999999TB", "nan"] {
+        let error = crate::args::size(text).unwrap_err();
+        assert_eq!(error, format!("expected a size as 500MB, 1.5GiB or 1000000, found `{text}`"));
+    }
 }
 
 #[test]
