@@ -50,6 +50,8 @@ pub struct GraphNode {
     pub file: FileId,
     /// Its name there.
     pub span: Span,
+    /// Where each input is written, in the order of the schema; the node's name for a default. Empty for a node that no file holds.
+    pub places: Vec<(FileId, Span)>,
 }
 
 /// What stands at an input.

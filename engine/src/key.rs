@@ -34,8 +34,9 @@ use crate::plan::{Edge, Plan, PlanError, Reads, consumers_first};
 use crate::setting::InputPath;
 use crate::stamp::Files;
 
-pub use facts::{Fact, FactKind};
-use facts::{facts, is_part, missing, read_paths, sees_frame};
+pub use facts::{Fact, FactKind, Mode};
+pub(crate) use facts::{facts, hex};
+use facts::{is_part, missing, read_paths, sees_frame};
 
 /// Changes with what keys are made of, so that those of other versions of Pegbar are never met.
 pub const KEY_VERSION: &str = "pegbar key 2";
@@ -196,7 +197,7 @@ impl NodeKeys {
         let constant = |port| plan.known.get(&port).map(|value| *crate::value::digest(value.as_ref()).as_bytes());
         let mut hasher = Hasher::new();
         hasher.update(KEY_VERSION.as_bytes());
-        for fact in facts(graph, node, constant, |path| files.digest(path)).map_err(failed(None))? {
+        for fact in facts(graph, node, constant, |path| files.digest(path).map(|d| hex(&d))).map_err(failed(None))? {
             fact.put(&mut hasher);
         }
         keys.facts = *hasher.finalize().as_bytes();
@@ -266,7 +267,7 @@ fn chain_order(plan: &Plan, node: usize) -> Vec<usize> {
 }
 
 /// The files that a task reads, as its settings say, in the order of its inputs; only those with frame numbers for `numbered`.
-fn paths(spec: &GraphNode, task: usize, numbered: bool) -> Vec<Result<PathBuf, NodeError>> {
+pub(crate) fn paths(spec: &GraphNode, task: usize, numbered: bool) -> Vec<Result<PathBuf, NodeError>> {
     let policy = missing(spec);
     let pick = |path: &InputPath, frame: i64| {
         let nothing = || NodeError::input(format!("expected a file for frame {frame} of {}, found none", path.pattern()));

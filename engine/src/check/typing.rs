@@ -296,6 +296,7 @@ impl Checker<'_> {
                 output_types: t.types,
                 file: source.at.file,
                 span: source.at.span,
+                places: t.places.iter().map(|at| (at.file, at.span)).collect(),
             });
         }
         let mut clocks: Vec<Arc<Clock>> = self.scopes[main].clocks.values().cloned().collect();

@@ -94,6 +94,7 @@ impl Tap {
             output_types: Vec::new(),
             file: tapped.file,
             span: tapped.span,
+            places: Vec::new(),
         };
         (Self { port, file, per_frame, values, written: Mutex::default() }, node)
     }

@@ -73,16 +73,21 @@ impl Fact {
 }
 
 /// Which values of a wire a task reads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Mode {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// The one of the same frame.
     Same,
+    /// The one that there is.
     Held,
+    /// All of them.
     All,
+    /// Those of the frames that it asks for.
     Asked,
 }
 
 impl Mode {
-    pub(super) fn of(graph: &Graph, spec: &GraphNode, input: &InputSchema, port: Port) -> Self {
+    pub(crate) fn of(graph: &Graph, spec: &GraphNode, input: &InputSchema, port: Port) -> Self {
         let single = graph.is_single(port);
         match input.access {
             Access::Sequence => Self::All,
@@ -109,7 +114,7 @@ pub(super) fn is_part(graph: &Graph, port: Port) -> bool {
 
 /// The facts of a node, in a fixed order: its type, its clock, then its inputs as they are declared.
 ///
-/// `constant` gives the digest of a port's value where that is known already, and `content` that of a file.
+/// `constant` gives the digest of a port's value where that is known already, and `content` that of a file, in hexadecimal.
 ///
 /// # Errors
 /// Where a file cannot be read.
@@ -117,7 +122,7 @@ pub(crate) fn facts(
     graph: &Graph,
     node: usize,
     mut constant: impl FnMut(Port) -> Option<[u8; 32]>,
-    mut content: impl FnMut(&Path) -> Result<[u8; 32], NodeError>,
+    mut content: impl FnMut(&Path) -> Result<String, NodeError>,
 ) -> Result<Vec<Fact>, NodeError> {
     let spec = &graph.nodes[node];
     let schema = &spec.ty.schema;
@@ -135,7 +140,7 @@ pub(crate) fn facts(
                 Some(File::Read(path)) if path.is_sequence() => fact(FactKind::Files, ending(Path::new(&path.pattern()))),
                 Some(File::Read(path)) => {
                     let path = path.at(0);
-                    fact(FactKind::File, format!("{} {}", ending(&path), hex(&content(&path)?)))
+                    fact(FactKind::File, format!("{} {}", ending(&path), content(&path)?))
                 }
                 Some(File::Written(path)) => fact(FactKind::Written, below_root(&path)),
                 None => fact(FactKind::Literal, canonical(text, !input.choices.is_empty())),

@@ -16,7 +16,7 @@ use super::check_nodes::registry;
 /// Keys of values by port and frame.
 type Found = BTreeMap<(String, i64), [u8; 32]>;
 
-const FRAMES: &str = "frames: (first: 1, last: 4, fps: 24)";
+pub(super) const FRAMES: &str = "frames: (first: 1, last: 4, fps: 24)";
 
 /// A graph of these nodes in a folder.
 fn graph_in(folder: &Path, head: &str, nodes: &str) -> Graph {
@@ -28,7 +28,7 @@ fn graph_in(folder: &Path, head: &str, nodes: &str) -> Graph {
 }
 
 /// The plan of all nodes, where need be with values that decide what is read.
-fn planned(graph: &Graph) -> Plan {
+pub(super) fn planned(graph: &Graph) -> Plan {
     let targets: Vec<Target> = (0..graph.nodes.len()).map(|node| Target { node, frames: None }).collect();
     let mut known = Known::new();
     loop {
@@ -59,7 +59,7 @@ fn keys(graph: &Graph) -> Found {
     out
 }
 
-fn found(graph: &Graph, plan: &Plan) -> Keys {
+pub(super) fn found(graph: &Graph, plan: &Plan) -> Keys {
     Keys::of(graph, plan, &Files::new(None)).unwrap_or_else(|e| panic!("{}", e.error))
 }
 
@@ -72,7 +72,7 @@ fn changed(before: &Found, after: &Found, port: &str) -> Vec<i64> {
     before.iter().filter(|((p, _), _)| p == port).filter(|(k, h)| after.get(*k) != Some(*h)).map(|((_, f), _)| *f).collect()
 }
 
-const NODES: &str = r#"
+pub(super) const NODES: &str = r#"
     "f": (type: "test.frame"), "one": (type: "test.add", a: 1.0), "sum": (type: "test.add", a: "@f", b: "@one"),
     "mean": (type: "test.window", stream: "@sum"), "total": (type: "test.total", stream: "@sum", start: 2),
     "all": (type: "test.summary", stream: "@sum"), "back": (type: "test.retime", stream: "@sum", map: "@all.map"),

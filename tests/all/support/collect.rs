@@ -83,6 +83,7 @@ fn collector(graph: &Graph, port: Port, into: &Arc<Collector>) -> GraphNode {
         output_types: Vec::new(),
         file: made_by.file,
         span: made_by.span,
+        places: Vec::new(),
     }
 }
 
