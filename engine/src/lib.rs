@@ -16,11 +16,13 @@ pub mod key;
 pub mod node;
 pub mod npz;
 pub mod plan;
+pub mod record;
 pub mod registry;
 pub mod setting;
 pub mod stamp;
 pub mod syntax;
 pub mod value;
+pub mod why;
 
 pub use pegbar_derive::{Node, Outputs, Setting, Value};
 

@@ -6,3 +6,4 @@ mod keys;
 pub(crate) mod nodes;
 mod random;
 mod run;
+mod why;
