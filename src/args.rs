@@ -60,6 +60,12 @@ Exit codes:
   0  it is done
   1  verify found damage, gc could not reach its aim, or the folder could not be read
   2  the command line is wrong";
+const WHY_EXAMPLES: &str = "Examples:
+  pegbar why hat.ron comp            the first thing that changed in what `comp` is made from since it ran
+  pegbar why hat.ron comp@12         for frame 12 alone
+  pegbar why hat.ron comp --var plate=b.####.png    as `run` would see it with that parameter
+
+Nothing is run. Every run that has a cache leaves a record there, which this looks into; of each graph the last eight are kept.";
 
 /// Runs dataflow graphs of animation nodes: capture drawn motion, put it on other drawings, stylise it, lift it to 3D.
 #[derive(Debug, Parser)]
@@ -98,6 +104,9 @@ pub(crate) enum Command {
     /// Look after the cache: what results are kept from run to run.
     #[command(subcommand, after_help = CACHE_EXAMPLES)]
     Cache(CacheCommand),
+    /// Say why a node runs again: the first fact that differs from the run before, old and new, with file and line.
+    #[command(after_help = WHY_EXAMPLES)]
+    Why(WhyArgs),
     /// Print a completion script for a shell.
     #[command(
         after_help = "Examples:\n  pegbar completions bash > ~/.local/share/bash-completion/completions/pegbar\n  pegbar completions zsh > ~/.zfunc/_pegbar"
@@ -230,6 +239,21 @@ pub(crate) struct CacheFolder {
 }
 
 #[derive(Args, Debug)]
+pub(crate) struct WhyArgs {
+    #[command(flatten)]
+    pub(crate) graph: GraphArgs,
+    /// Node, and one of its frames if need be: comp@12.
+    #[arg(value_name = "NODE[@FRAME]", value_parser = node_at)]
+    pub(crate) node: (String, Option<i64>),
+    /// Folder of the cache, which holds the records of runs.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) cache: Option<PathBuf>,
+    /// Text for people, or JSON for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
 pub(crate) struct CompletionsArgs {
     /// Shell.
     #[arg(value_enum)]
@@ -285,5 +309,17 @@ fn pair(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, value)) if !name.trim().is_empty() => Ok((name.trim().to_owned(), value.to_owned())),
         _ => Err(format!("expected NAME=VALUE, found `{text}`")),
+    }
+}
+
+fn node_at(text: &str) -> Result<(String, Option<i64>), String> {
+    // References are written `@node`, so that one may well stand here.
+    let text = text.strip_prefix('@').unwrap_or(text);
+    match text.rsplit_once('@') {
+        None => Ok((text.to_owned(), None)),
+        Some((node, frame)) => match frame.parse() {
+            Ok(frame) => Ok((node.to_owned(), Some(frame))),
+            Err(_) => Err(format!("expected a frame number after `@`, found `{frame}`")),
+        },
     }
 }

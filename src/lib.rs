@@ -14,6 +14,7 @@ mod list;
 mod progress;
 mod run;
 mod summary;
+mod why;
 
 use std::ffi::OsString;
 
@@ -43,6 +44,7 @@ where
         args::Command::Explain(args) => explain::explain(&args, registry, console),
         args::Command::Graph(args) => graph::graph(&args, registry, console),
         args::Command::Cache(command) => cache::cache(&command, console),
+        args::Command::Why(args) => why::why(&args, registry, console),
         args::Command::Completions(args) => completions::completions(&args, console),
     }
 }

@@ -11,8 +11,12 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::diag::SourceMap;
+use crate::graph::Graph;
 use crate::key::{Fact, FactKind, Mode};
+use crate::plan::{Known, PlanError, Planned, Target, plan};
 use crate::record::{AskedRun, InputRecord, NodeRecord, Record, UNREAD, WireRecord};
+use crate::stamp::Files;
 
 /// Digits of a digest that are shown.
 const SHOWN: usize = 12;
@@ -133,11 +137,11 @@ impl fmt::Display for Why {
             Verdict::NoRecord => write!(f, "{name} will run: no run of this graph is on record"),
             Verdict::NewNode { place } => write!(f, "{name} will run: no run on record had a node `{node}`, which is written at {place}"),
             Verdict::NotWanted { last } => write!(f, "{name} will run: no run on record wanted it, the last being that of {last}"),
-            Verdict::Changed { last, change } => write!(f, "{name} will run again, for a change since the run of {last}\n{change}"),
+            Verdict::Changed { last, change } => write!(f, "{name} will run again, for a change since the run of {last}:\n  {change}"),
             Verdict::ChangedBefore { last, before, change } => {
                 write!(
                     f,
-                    "nothing has changed since the run of {last}, which ran {name} again, for a change since that of {before}\n{change}"
+                    "nothing has changed since the run of {last}, which ran {name} again, for a change since that of {before}:\n  {change}"
                 )
             }
             Verdict::Unchanged { last, outcome } => {
@@ -157,7 +161,9 @@ impl fmt::Display for Why {
 /// Why `node`, at `frame` or at any of its frames, runs again: against `records`, the newest first, and the facts of `now`. `None` where there is no
 /// such node now.
 pub fn why(records: &[Record], now: &Record, node: &str, frame: Option<i64>) -> Option<Why> {
-    let place = now.nodes.get(now.find(node)?)?.place.clone();
+    let NodeRecord { place, frames, .. } = now.nodes.get(now.find(node)?)?.clone();
+    // A node that runs once has no frames.
+    let frame = frame.and_then(|f| frames.and(Some(f)));
     let answer = |verdict| Some(Why { node: node.to_owned(), frame, verdict });
     let Some(newest) = records.first() else { return answer(Verdict::NoRecord) };
     if records.iter().all(|r| r.find(node).is_none()) {
@@ -174,6 +180,19 @@ pub fn why(records: &[Record], now: &Record, node: &str, frame: Option<i64>) -> 
         return answer(Verdict::ChangedBefore { last: last.date.clone(), before: before.date.clone(), change });
     }
     answer(Verdict::Unchanged { last: last.date.clone(), outcome: outcome(last, before, node) })
+}
+
+/// What the keys of a node at `frame`, or at all its frames, are made from now: what [`why`] holds records against. Runs nothing; where the plan hangs
+/// on a value that is to be computed, the facts are those of the whole graph.
+///
+/// # Errors
+/// Where the frame is not on the node's clock, or a file cannot be read.
+pub fn now(graph: &Graph, sources: &SourceMap, node: usize, frame: Option<i64>, files: &Files) -> Result<Record, PlanError> {
+    let target = Target { node, frames: frame.map(|frame| vec![frame]) };
+    match plan(graph, &[target], &[], Known::new())? {
+        Planned::Ready(plan) => Record::of(graph, sources, Some(&plan), files),
+        Planned::First(_) => Record::of(graph, sources, None, files),
+    }
 }
 
 fn wants(record: &Record, node: &str, frame: Option<i64>) -> bool {

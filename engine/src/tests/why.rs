@@ -13,7 +13,7 @@ use crate::node::NodeSchema;
 use crate::plan::Plan;
 use crate::record::{NodeCost, Record};
 use crate::stamp::Files;
-use crate::why::{Outcome, Verdict, difference, why};
+use crate::why::{Outcome, Verdict, difference, now, why};
 
 use super::check_nodes::registry;
 use super::keys::{FRAMES, NODES, found, planned};
@@ -197,7 +197,7 @@ fn the_answer_is_found_among_the_records() {
     let text = answer.to_string();
     assert!(
         text.starts_with(
-            "comp@1 will run again, for a change since the run of a\ncomp reads swap reads track: track.start was 3, is 1 at "
+            "comp@1 will run again, for a change since the run of a:\n  comp reads swap reads track: track.start was 3, is 1 at "
         ),
         "{text}"
     );
@@ -234,6 +234,29 @@ fn without_a_plan_the_facts_are_told_all_the_same() {
     }
     let expected = "back reads comp reads swap reads track: track.start was 1, is 3 at main.ron:7:56";
     assert_eq!(told(folder, &before, &bare(&HAT.replace("start: 1", "start: 3")), "back", Some(1)).as_deref(), Some(expected));
+}
+
+#[test]
+fn only_what_the_node_hangs_on_is_looked_at() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    footage(folder);
+    let shot = Shot::new(folder, FRAMES, HAT);
+    let before = [shot.record()];
+    std::fs::remove_file(folder.join("p.4.txt")).unwrap();
+    let verdict = |node: &str, frame| {
+        let files = Files::new(None);
+        let at = shot.graph.find(node).unwrap();
+        now(&shot.graph, &shot.sources, at, Some(frame), &files)
+            .map(|now| (why(&before, &now, node, Some(frame)).unwrap(), files.table().len()))
+    };
+    let (near, read) = verdict("near", 2).unwrap_or_else(|e| panic!("{}", e.error));
+    assert_eq!((read, near.frame), (4, Some(2)), "the hat and the plate of three frames");
+    assert!(matches!(near.verdict, Verdict::Unchanged { .. }), "{near}");
+    let (hat, read) = verdict("hat", 2).unwrap_or_else(|e| panic!("{}", e.error));
+    assert_eq!((read, hat.frame), (1, None), "a node that runs once has no frames");
+    assert!(verdict("near", 3).is_err_and(|e| e.error.message.contains("p.4.txt")));
+    assert!(verdict("near", 9).is_err_and(|e| e.error.message.contains("frame 9")));
 }
 
 /// Edits of the graph, some of which change nothing.
