@@ -1,9 +1,9 @@
 //! Clocks: named time domains with a frame range and a rational rate.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A time domain: drawings at 24 frames a second and motion capture at 120 are two.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 pub struct Clock {
     /// Its name; the default clock is `frames`.
     pub name: String,

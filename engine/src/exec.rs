@@ -745,7 +745,8 @@ fn first_value(arg: &Arg) -> Option<&dyn AnyValue> {
     }
 }
 
-fn panicked(payload: &(dyn std::any::Any + Send)) -> NodeError {
+/// The failure of a node that panicked.
+pub(crate) fn panicked(payload: &(dyn std::any::Any + Send)) -> NodeError {
     let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned()).or_else(|| payload.downcast_ref::<String>().cloned());
     NodeError::internal(format!("panicked: {}", text.unwrap_or_else(|| "no message".to_owned())))
         .help("this is a fault of the node's code: please report it with the graph and the inputs")

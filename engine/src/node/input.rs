@@ -70,6 +70,24 @@ impl SequenceRef {
     pub fn new(clock: Option<Arc<Clock>>, values: impl Values + 'static) -> Self {
         Self { clock, values: Arc::new(values) }
     }
+
+    /// Number of values.
+    pub fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    /// True where there is none.
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// The value at a position.
+    ///
+    /// # Errors
+    /// As of [`Values::get`].
+    pub fn get(&self, idx: usize) -> Result<ValueRef, NodeError> {
+        self.values.get(idx)
+    }
 }
 
 impl fmt::Debug for SequenceRef {
