@@ -20,6 +20,11 @@ const TICK: Duration = Duration::from_millis(100);
 /// How often a plain log gets a total.
 const TOTAL_EVERY: Duration = Duration::from_secs(5);
 
+/// A run in which no task ends for so long says what it waits for; again after twice as long, and so on.
+const QUIET: Duration = Duration::from_secs(10);
+/// Tasks named in such a line at most.
+const MOST_NAMED: usize = 4;
+
 /// What is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Style {
@@ -37,6 +42,60 @@ struct Counter {
     nanos: AtomicU64,
 }
 
+/// What a thread is at, with the number of tasks that it began.
+#[derive(Clone, Copy, Default)]
+struct Lane {
+    begun: u64,
+    task: Option<(usize, Option<i64>)>,
+}
+
+/// A task that runs, and for how long.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Running {
+    node: usize,
+    frame: Option<i64>,
+    thread: usize,
+    time: Duration,
+}
+
+/// Notices that nothing is done.
+struct Watch {
+    done: usize,
+    /// When the last task ended, as far as was seen.
+    since: Instant,
+    /// How long it has to be quiet before that is said.
+    next: Duration,
+    /// For each thread the task that was seen last, and when first.
+    seen: Vec<(u64, Instant)>,
+}
+
+impl Watch {
+    fn new(now: Instant, threads: usize) -> Self {
+        Self { done: 0, since: now, next: QUIET, seen: vec![(0, now); threads] }
+    }
+
+    /// How long no task has ended, and whether it is time to say so; and what runs, the longest first. To be asked often.
+    fn look(&mut self, now: Instant, done: usize, lanes: &[Lane]) -> (Duration, bool, Vec<Running>) {
+        if done != self.done {
+            (self.done, self.since, self.next) = (done, now, QUIET);
+        }
+        let mut running = Vec::new();
+        for (thread, (lane, seen)) in lanes.iter().zip(&mut self.seen).enumerate() {
+            if seen.0 != lane.begun {
+                *seen = (lane.begun, now);
+            }
+            running.extend(lane.task.map(|(node, frame)| Running { node, frame, thread, time: now.saturating_duration_since(seen.1) }));
+        }
+        running.sort_by_key(|r| std::cmp::Reverse(r.time));
+        let quiet = now.saturating_duration_since(self.since);
+        let says = quiet >= self.next;
+        while says && self.next <= quiet {
+            self.next *= 2;
+        }
+        (quiet, says, running)
+    }
+}
+
 /// Counts what is done; the executor's observer.
 pub(crate) struct Reporter<'a> {
     graph: &'a Graph,
@@ -46,6 +105,8 @@ pub(crate) struct Reporter<'a> {
     frames: usize,
     start: Instant,
     plans: AtomicUsize,
+    /// One for each thread.
+    lanes: Vec<Mutex<Lane>>,
     /// Failures not shown yet.
     failures: Mutex<Vec<(String, Option<i64>, String)>>,
     ended: AtomicBool,
@@ -61,7 +122,17 @@ impl Observer for Reporter<'_> {
         self.plans.fetch_add(1, Ordering::Relaxed);
     }
 
+    fn started(&self, node: usize, frame: Option<i64>, thread: usize) {
+        if let Some(lane) = self.lanes.get(thread) {
+            let mut lane = lane.lock().unwrap_or_else(PoisonError::into_inner);
+            *lane = Lane { begun: lane.begun + 1, task: Some((node, frame)) };
+        }
+    }
+
     fn done(&self, done: &Done) {
+        if let Some(lane) = self.lanes.get(done.thread) {
+            lane.lock().unwrap_or_else(PoisonError::into_inner).task = None;
+        }
         if let Some(counter) = self.nodes.get(done.node) {
             counter.nanos.fetch_add(done.time.as_nanos() as u64, Ordering::Relaxed);
             counter.done.fetch_add(1, Ordering::Relaxed);
@@ -90,7 +161,7 @@ struct Shown {
 
 impl<'a> Reporter<'a> {
     /// A reporter for one run.
-    pub(crate) fn new(graph: &'a Graph, job: &Job, style: Style) -> Self {
+    pub(crate) fn new(graph: &'a Graph, job: &Job, style: Style, threads: usize) -> Self {
         let count = job.targets().iter().map(|t| t.node + 1).max().unwrap_or(0).max(graph.nodes.len());
         let mut is_target = vec![false; count];
         job.targets().iter().for_each(|t| is_target[t.node] = true);
@@ -102,6 +173,7 @@ impl<'a> Reporter<'a> {
             frames: job.frame_count(),
             start: Instant::now(),
             plans: AtomicUsize::new(0),
+            lanes: (0..threads).map(|_| Mutex::default()).collect(),
             failures: Mutex::default(),
             ended: AtomicBool::new(false),
             lock: Mutex::new(()),
@@ -114,6 +186,7 @@ impl<'a> Reporter<'a> {
         let bar = (self.style == Style::Bar).then(new_bar);
         let mut shown = vec![Shown::default(); self.graph.nodes.len()];
         let (mut plans, mut last_total) = (0, Instant::now());
+        let mut watch = Watch::new(last_total, self.lanes.len());
         loop {
             let ended = self.ended.load(Ordering::Acquire);
             let now = self.plans.load(Ordering::Relaxed);
@@ -123,8 +196,9 @@ impl<'a> Reporter<'a> {
             }
             self.show_nodes(&mut shown, console);
             self.show_failures(bar.as_ref(), console);
+            let waiting = self.show_waiting(&mut watch, Instant::now(), console);
             if let Some(bar) = &bar {
-                self.show_bar(bar);
+                self.show_bar(bar, waiting);
             }
             if ended {
                 break;
@@ -256,18 +330,48 @@ impl<'a> Reporter<'a> {
         }
     }
 
-    fn show_bar(&self, bar: &ProgressBar) {
+    /// Says now and then what runs while no task ends; gives that text for a bar for as long as none does.
+    fn show_waiting(&self, watch: &mut Watch, now: Instant, console: &mut Console) -> Option<String> {
+        let lanes: Vec<Lane> = self.lanes.iter().map(|l| *l.lock().unwrap_or_else(PoisonError::into_inner)).collect();
+        let (quiet, says, running) = watch.look(now, self.tasks().0, &lanes);
+        let name = |node: usize| self.graph.nodes.get(node).map_or("an output", |n| n.name.as_str());
+        let text = || match running.len() {
+            0 => format!("no task runs, and none has ended for {}", duration(quiet)),
+            n => {
+                let one = |r: &Running| {
+                    let frame = r.frame.map(|f| format!("@{f}")).unwrap_or_default();
+                    format!("{}{frame} for {} on thread {}", name(r.node), duration(r.time), r.thread)
+                };
+                let named: Vec<String> = running.iter().take(MOST_NAMED).map(one).collect();
+                let more = if n > MOST_NAMED { format!(" and {} more", n - MOST_NAMED) } else { String::new() };
+                format!("still running: {}{more}", named.join(", "))
+            }
+        };
+        match self.style {
+            Style::Plain if says => console.say(&format!("{}\n", text())),
+            Style::Json if says => {
+                let tasks = running
+                    .iter()
+                    .map(|r| json!({"node": name(r.node), "frame": r.frame, "seconds": r.time.as_secs_f64(), "thread": r.thread}));
+                line(console, &json!({"event": "waiting", "seconds": quiet.as_secs_f64(), "running": tasks.collect::<Vec<_>>()}));
+            }
+            _ => {}
+        }
+        (self.style == Style::Bar && quiet >= QUIET).then(text)
+    }
+
+    fn show_bar(&self, bar: &ProgressBar, waiting: Option<String>) {
         let (done, planned) = self.tasks();
         let (nodes_done, nodes) = self.nodes_done();
         bar.set_length(planned as u64);
         bar.set_position(done as u64);
-        let to_go = self.to_go().map(|t| format!(", {} to go", duration(t))).unwrap_or_default();
-        bar.set_message(format!(
-            "nodes {nodes_done}/{nodes}, frames {}/{}, {} frames/s{to_go}",
-            self.frames_done(),
-            self.frames,
-            figures(self.rate())
-        ));
+        let to_go = || self.to_go().map(|t| format!(", {} to go", duration(t))).unwrap_or_default();
+        let (frames, all) = (self.frames_done(), self.frames);
+        bar.set_message(
+            waiting.unwrap_or_else(|| {
+                format!("nodes {nodes_done}/{nodes}, frames {frames}/{all}, {} frames/s{}", figures(self.rate()), to_go())
+            }),
+        );
     }
 }
 
@@ -306,4 +410,46 @@ pub(crate) fn finished_line(sources: &SourceMap, graph: &Graph, outcome: &Outcom
         "failed_tasks": outcome.report.failures.len(), "outputs_not_made": outcome.report.unreached, "peak_bytes": outcome.report.peak_bytes,
         "files": files, "nodes": nodes, "diagnostics": diagnostics});
     format!("{value}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn running(node: usize, frame: Option<i64>, thread: usize, secs: u64) -> Running {
+        Running { node, frame, thread, time: Duration::from_secs(secs) }
+    }
+
+    #[test]
+    fn a_run_that_stalls_says_what_it_waits_for_at_growing_intervals() {
+        let start = Instant::now();
+        let mut watch = Watch::new(start, 2);
+        let lane = |begun, task| Lane { begun, task };
+        let slow = lane(1, Some((7, Some(12))));
+        let mut look = |secs: u64, done: usize, other: Lane| {
+            let (quiet, says, running) = watch.look(start + Duration::from_secs(secs), done, &[slow, other]);
+            (quiet.as_secs(), says, running)
+        };
+        // A thread that ends one task after the other keeps the run from being quiet, however long the other takes.
+        for secs in 0..30 {
+            let (quiet, says, _) = look(secs, secs as usize, lane(secs, Some((3, None))));
+            assert!(quiet == 0 && !says, "at {secs} s");
+        }
+        let last = lane(29, None);
+        let said: Vec<u64> = (30..200).filter(|&secs| look(secs, 29, last).1).collect();
+        assert_eq!(said, [39, 49, 69, 109, 189], "10, 20, 40, 80, 160 s after the last task ended");
+        assert_eq!(look(200, 29, last), (171, false, vec![running(7, Some(12), 0, 200)]));
+        // What is done starts the count anew; the task that is still running has its own.
+        assert_eq!(look(201, 30, lane(30, Some((3, None)))), (0, false, vec![running(7, Some(12), 0, 201), running(3, None, 1, 0)]));
+        let said: Vec<u64> = (202..230).filter(|&secs| look(secs, 30, last).1).collect();
+        assert_eq!(said, [211, 221]);
+    }
+
+    #[test]
+    fn a_long_silence_is_broken_once() {
+        let start = Instant::now();
+        let mut watch = Watch::new(start, 1);
+        let mut says = |secs: u64| watch.look(start + Duration::from_secs(secs), 0, &[Lane::default()]).1;
+        assert_eq!([300, 301, 319, 320, 639, 640].map(&mut says), [true, false, false, true, false, true]);
+    }
 }

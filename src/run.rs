@@ -43,7 +43,7 @@ fn watched(args: &RunArgs, graph: &Graph, job: &Job, console: &mut Console) -> O
         Progress::None => Style::Silent,
     };
     let cancel = console.cancel.clone();
-    let reporter = Reporter::new(graph, job, style);
+    let reporter = Reporter::new(graph, job, style, threads);
     std::thread::scope(|scope| {
         let ticker = (style != Style::Silent).then(|| scope.spawn(|| reporter.tick(console)));
         let outcome = job.run(threads, &cancel, &reporter);
