@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use pegbar_engine::graph::Graph;
+use pegbar_engine::exec::NodeStats;
+use pegbar_engine::graph::{Graph, GraphNode};
 use pegbar_engine::job::Outcome;
 
 use crate::console::count;
@@ -49,22 +50,26 @@ pub(crate) fn table(rows: &[Vec<String>]) -> String {
     text
 }
 
+/// A column of the summary: its head, and its cell of a node, given the share of all time.
+type Column = (&'static str, fn(&GraphNode, &NodeStats, f64) -> String);
+
+const COLUMNS: &[Column] = &[
+    ("node", |node, _, _| node.name.clone()),
+    ("type", |node, _, _| node.ty.schema.id.to_owned()),
+    ("tasks", |_, stats, _| stats.tasks.to_string()),
+    ("time", |_, stats, _| duration(stats.time)),
+    ("share", |_, _, share| format!("{:.1} %", share * 100.0)),
+    ("peak memory", |_, stats, _| bytes(stats.peak_bytes)),
+];
+
 /// A line for each node that ran, and the total.
 pub(crate) fn summary(graph: &Graph, outcome: &Outcome) -> String {
     let report = &outcome.report;
     let total: f64 = report.stats.iter().map(|s| s.time.as_secs_f64()).sum();
-    let mut rows = vec![["node", "type", "tasks", "time", "share", "peak memory"].map(str::to_owned).to_vec()];
+    let mut rows: Vec<Vec<String>> = vec![COLUMNS.iter().map(|(head, _)| (*head).to_owned()).collect()];
     for (node, stats) in graph.nodes.iter().zip(&report.stats).filter(|(_, s)| s.tasks > 0) {
-        let share = if total > 0.0 { stats.time.as_secs_f64() / total * 100.0 } else { 0.0 };
-        let type_id = node.ty.schema.id.to_owned();
-        rows.push(vec![
-            node.name.clone(),
-            type_id,
-            stats.tasks.to_string(),
-            duration(stats.time),
-            format!("{share:.1} %"),
-            bytes(stats.peak_bytes),
-        ]);
+        let share = if total > 0.0 { stats.time.as_secs_f64() / total } else { 0.0 };
+        rows.push(COLUMNS.iter().map(|(_, cell)| cell(node, stats, share)).collect());
     }
     let rate = outcome.frames as f64 / outcome.wall.as_secs_f64().max(1e-9);
     let frames = count(outcome.frames, "frame");
