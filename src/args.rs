@@ -32,6 +32,7 @@ const RUN_EXAMPLES: &str = "Examples:
   pegbar run hat.ron --set track.levels=4          another value for an input of a node
   pegbar run hat.ron --only track.motion           the motion alone, as out/track.motion.npz
   pegbar run hat.ron --progress json | jq .        for a farm: one JSON object a line
+  pegbar run hat.ron --trace t.json                when each task ran: open t.json in ui.perfetto.dev
 
 Progress goes to stderr, but for --progress json, which goes to stdout.";
 
@@ -153,6 +154,9 @@ pub(crate) struct RunArgs {
     /// How progress is shown.
     #[arg(long, value_enum, default_value_t = Progress::Auto)]
     pub(crate) progress: Progress,
+    /// Write when each task ran, on which thread, and the memory of results, for ui.perfetto.dev or chrome://tracing.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) trace: Option<PathBuf>,
 }
 
 #[derive(Args, Debug)]

@@ -11,10 +11,12 @@ mod console;
 mod explain;
 mod graph;
 mod list;
+mod observers;
 mod progress;
 mod run;
 mod summary;
 mod why;
+mod trace;
 
 use std::ffi::OsString;
 

@@ -1,7 +1,10 @@
 //! `pegbar run`: makes what a graph writes.
 
+use std::path::Path;
+
 use pegbar_engine::check::{Loaded, load};
 use pegbar_engine::diag::Diagnostic;
+use pegbar_engine::exec::Observer;
 use pegbar_engine::graph::Graph;
 use pegbar_engine::job::{Job, Outcome, Request};
 use pegbar_engine::registry::Registry;
@@ -9,8 +12,10 @@ use pegbar_engine::registry::Registry;
 use crate::args::{Progress, RunArgs};
 use crate::check::say_total;
 use crate::console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG, count};
+use crate::observers::Observers;
 use crate::progress::{Reporter, Style, finished_line};
 use crate::summary::summary;
+use crate::trace::Trace;
 
 pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) -> u8 {
     let loaded = load(&args.graph.graph, registry, &args.graph.load_options());
@@ -24,8 +29,27 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) ->
         Ok(job) => job,
         Err(wrong) => return refuse(&loaded, *wrong, console),
     };
-    let outcome = watched(args, graph, &job, console);
-    conclude(args, &loaded, graph, &outcome, console)
+    let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let trace = args.trace.as_deref().map(|path| (path, Trace::new(threads)));
+    if !write_trace(trace.as_ref(), console) {
+        return EXIT_WRONG;
+    }
+    let outcome = watched(args, graph, &job, [trace.as_ref().map(|(_, t)| observer(t))], threads, console);
+    let code = conclude(args, &loaded, graph, &outcome, console);
+    if write_trace(trace.as_ref(), console) { code } else { code.max(EXIT_FAILED) }
+}
+
+/// Writes the trace, if one was asked for: before the run too, so that a path that cannot be written is known from the start.
+fn write_trace(trace: Option<&(&Path, Trace)>, console: &mut Console) -> bool {
+    let written = trace.map_or(Ok(()), |(path, trace)| trace.write(path));
+    if let Err(error) = &written {
+        console.say(&format!("error: the trace cannot be written: {error}\n"));
+    }
+    written.is_ok()
+}
+
+fn observer<T: Observer>(one: &T) -> &dyn Observer {
+    one
 }
 
 fn refuse(loaded: &Loaded, wrong: Diagnostic, console: &mut Console) -> u8 {
@@ -34,8 +58,7 @@ fn refuse(loaded: &Loaded, wrong: Diagnostic, console: &mut Console) -> u8 {
 }
 
 /// Runs the job while another thread shows how far it is.
-fn watched(args: &RunArgs, graph: &Graph, job: &Job, console: &mut Console) -> Outcome {
-    let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observer>; 1], threads: usize, console: &mut Console) -> Outcome {
     let style = match args.progress {
         Progress::Auto if console.is_terminal => Style::Bar,
         Progress::Auto | Progress::Plain => Style::Plain,
@@ -44,9 +67,10 @@ fn watched(args: &RunArgs, graph: &Graph, job: &Job, console: &mut Console) -> O
     };
     let cancel = console.cancel.clone();
     let reporter = Reporter::new(graph, job, style, threads);
+    let observers = Observers(std::iter::once(observer(&reporter)).chain(others.into_iter().flatten()).collect());
     std::thread::scope(|scope| {
         let ticker = (style != Style::Silent).then(|| scope.spawn(|| reporter.tick(console)));
-        let outcome = job.run(threads, &cancel, &reporter);
+        let outcome = job.run(threads, &cancel, &observers);
         reporter.end();
         if let Some(ticker) = ticker {
             // The ticker only writes; were it to panic, the outcome still stands.

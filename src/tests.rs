@@ -226,6 +226,68 @@ fn a_file_that_was_not_written_is_missed() {
     assert!(ran.err.contains("error[PB0501]: expected a file at out/n.01.txt and 7 more from node `out`, found none"), "{}", ran.err);
 }
 
+/// The events of a trace.
+fn events(trace: &str) -> Vec<serde_json::Value> {
+    let trace: serde_json::Value = serde_json::from_str(trace).unwrap();
+    trace["traceEvents"].as_array().unwrap().clone()
+}
+
+#[test]
+fn a_trace_shows_every_task_once_and_one_at_a_time_on_each_thread() {
+    let name = r#"g \"quoted\" \\ ä"#;
+    let nodes = FINE.replace("\"g\":", &format!("\"{name}\":")).replace("@g", &format!("@{name}"));
+    let shot = Shot::new(&nodes);
+    let trace = shot.path("traces/t.json");
+    let before = std::time::Instant::now();
+    let ran = shot.run(&["--trace", &trace, "--threads", "3"]);
+    let wall = before.elapsed().as_micros() as f64;
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let events = events(&shot.read("traces/t.json").unwrap());
+    let tasks: Vec<_> = events.iter().filter(|e| e["ph"] == "X").collect();
+    let mut names: Vec<&str> = tasks.iter().map(|e| e["name"].as_str().unwrap()).collect();
+    names.sort_unstable();
+    let mut expected: Vec<String> =
+        ["f", "g \"quoted\" \\ ä", "out"].iter().flat_map(|n| (1..=8).map(move |f| format!("{n}@{f}"))).collect();
+    expected.sort_unstable();
+    assert_eq!(names, expected);
+    for task in &tasks {
+        let frame = task["args"]["frame"].as_i64().unwrap();
+        assert!(task["name"].as_str().unwrap().ends_with(&format!("@{frame}")));
+    }
+    let of_gain: Vec<_> = tasks.iter().filter(|e| e["cat"] == "test.gain").map(|e| e["args"]["bytes"].as_u64()).collect();
+    assert_eq!(of_gain, [Some(8); 8]);
+    let nanos = |v: &serde_json::Value| (v.as_f64().unwrap() * 1000.0).round() as u64;
+    for thread in 0..3 {
+        let mut spans: Vec<(u64, u64)> =
+            tasks.iter().filter(|e| e["tid"] == thread).map(|e| (nanos(&e["ts"]), nanos(&e["ts"]) + nanos(&e["dur"]))).collect();
+        spans.sort_unstable();
+        assert!(spans.windows(2).all(|w| w[0].1 <= w[1].0), "{spans:?}");
+        assert!(spans.iter().all(|s| s.1 as f64 <= wall * 1000.0), "{spans:?} within {wall} us");
+        let is_named =
+            |e: &serde_json::Value| e["name"] == "thread_name" && e["tid"] == thread && e["args"]["name"] == format!("thread {thread}");
+        assert!(events.iter().any(|e| e["ph"] == "M" && is_named(e)));
+    }
+    let live: Vec<u64> = events.iter().filter(|e| e["ph"] == "C").map(|e| e["args"]["bytes"].as_u64().unwrap()).collect();
+    assert_eq!((live.len(), live.contains(&8)), (24, true), "{live:?}");
+}
+
+#[test]
+fn a_trace_is_there_after_a_run_that_fails_or_is_cancelled() {
+    let shot = Shot::new(FINE);
+    let trace = shot.path("t.json");
+    assert_eq!(shot.run(&["--trace", &trace, "--set", "g.fails=4"]).code, 1);
+    let found = events(&shot.read("t.json").unwrap());
+    assert_eq!(found.iter().filter(|e| e["ph"] == "X").count(), 8 + 8 + 3);
+    let cancel = Cancel::default();
+    cancel.cancel();
+    let ran = cli_with(&["run", &shot.path("g.ron"), "--out", &shot.path("out"), "--trace", &trace], cancel);
+    assert_eq!((ran.code, events(&shot.read("t.json").unwrap()).iter().filter(|e| e["ph"] == "X").count()), (130, 0));
+    std::fs::write(shot.path("file"), "").unwrap();
+    let ran = shot.run(&["--trace", &shot.path("file/t.json")]);
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.starts_with("error: the trace cannot be written: file/t.json: making its folder failed:"), "{}", ran.err);
+}
+
 #[test]
 fn what_is_wrong_with_the_command_line_is_said_before_anything_runs() {
     let shot = Shot::new(FINE);

@@ -1,0 +1,30 @@
+//! Several observers of one run.
+
+use pegbar_engine::exec::{Done, Failure, Observer};
+use pegbar_engine::graph::Graph;
+use pegbar_engine::plan::Plan;
+
+/// Tells each of these, in order.
+pub(crate) struct Observers<'a>(pub(crate) Vec<&'a dyn Observer>);
+
+impl Observer for Observers<'_> {
+    fn planned(&self, graph: &Graph, plan: &Plan) {
+        self.0.iter().for_each(|o| o.planned(graph, plan));
+    }
+
+    fn started(&self, node: usize, frame: Option<i64>, thread: usize) {
+        self.0.iter().for_each(|o| o.started(node, frame, thread));
+    }
+
+    fn done(&self, done: &Done) {
+        self.0.iter().for_each(|o| o.done(done));
+    }
+
+    fn failed(&self, graph: &Graph, failure: &Failure) {
+        self.0.iter().for_each(|o| o.failed(graph, failure));
+    }
+
+    fn keeps_inputs(&self) -> bool {
+        self.0.iter().any(|o| o.keeps_inputs())
+    }
+}
