@@ -33,6 +33,7 @@ const RUN_EXAMPLES: &str = "Examples:
   pegbar run hat.ron --only track.motion           the motion alone, as out/track.motion.npz
   pegbar run hat.ron --progress json | jq .        for a farm: one JSON object a line
   pegbar run hat.ron --trace t.json                when each task ran: open t.json in ui.perfetto.dev
+  pegbar run hat.ron --save-failure failed         what failed, to be run alone: pegbar replay failed/NODE@FRAME
 
 Progress goes to stderr, but for --progress json, which goes to stdout.";
 
@@ -42,6 +43,15 @@ const CHECK_EXAMPLES: &str = "Examples:
   pegbar check hat.ron --var plate=b.####.png    as `run` would see it with that parameter
 
 Nothing is run and nothing is written. Files that the graph reads must be there.";
+
+const REPLAY_EXAMPLES: &str = "Examples:
+  pegbar replay failed/comp@12              runs the node again with what it was given
+  pegbar replay failed/comp@12 --out /tmp/o and keeps what it makes once it no longer fails
+
+Exit codes:
+  0    the node no longer fails
+  1    it fails: as in the run, or otherwise
+  2    this is no whole bundle, or one of another version of the node type";
 
 const EXPLAIN_EXAMPLES: &str = "Examples:
   pegbar explain track.affine    its inputs with units, ranges, defaults and choices, its outputs, its source, an example
@@ -81,6 +91,9 @@ pub(crate) enum Command {
     /// Run a graph: make every file that its sinks write.
     #[command(after_help = RUN_EXAMPLES, after_long_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
     Run(RunArgs),
+    /// Run one failed task again, alone, from what `run --save-failure` saved.
+    #[command(after_help = REPLAY_EXAMPLES)]
+    Replay(ReplayArgs),
     /// Check a graph: report everything that is wrong with it, and run nothing.
     #[command(after_help = CHECK_EXAMPLES)]
     Check(CheckArgs),
@@ -157,6 +170,19 @@ pub(crate) struct RunArgs {
     /// Write when each task ran, on which thread, and the memory of results, for ui.perfetto.dev or chrome://tracing.
     #[arg(long, value_name = "FILE")]
     pub(crate) trace: Option<PathBuf>,
+    /// Save the first failure of each node, 8 at most, with all that the node was given, as DIR/NODE@FRAME for `pegbar replay`.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) save_failure: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ReplayArgs {
+    /// Folder of one failure, as DIR/NODE@FRAME.
+    #[arg(value_name = "BUNDLE")]
+    pub(crate) bundle: PathBuf,
+    /// Folder for what the node makes: OUTPUT.npz, and what it writes itself; made if it is not there.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) out: Option<PathBuf>,
 }
 
 #[derive(Args, Debug)]

@@ -13,6 +13,7 @@ mod graph;
 mod list;
 mod observers;
 mod progress;
+mod replay;
 mod run;
 mod summary;
 mod why;
@@ -40,6 +41,7 @@ where
     };
     match cli.command {
         args::Command::Run(args) => run::run(&args, registry, console),
+        args::Command::Replay(args) => replay::replay(&args, registry, console),
         args::Command::Check(args) => check::check(&args, registry, console),
         args::Command::Nodes(args) => list::nodes(&args, registry, console),
         args::Command::Types(args) => list::types(&args, registry, console),

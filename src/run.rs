@@ -14,6 +14,7 @@ use crate::check::say_total;
 use crate::console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG, count};
 use crate::observers::Observers;
 use crate::progress::{Reporter, Style, finished_line};
+use crate::replay::Saver;
 use crate::summary::summary;
 use crate::trace::Trace;
 
@@ -30,12 +31,14 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) ->
         Err(wrong) => return refuse(&loaded, *wrong, console),
     };
     let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let saver = args.save_failure.as_deref().map(Saver::new);
     let trace = args.trace.as_deref().map(|path| (path, Trace::new(threads)));
     if !write_trace(trace.as_ref(), console) {
         return EXIT_WRONG;
     }
-    let outcome = watched(args, graph, &job, [trace.as_ref().map(|(_, t)| observer(t))], threads, console);
+    let outcome = watched(args, graph, &job, [saver.as_ref().map(observer), trace.as_ref().map(|(_, t)| observer(t))], threads, console);
     let code = conclude(args, &loaded, graph, &outcome, console);
+    say_saved(saver, console);
     if write_trace(trace.as_ref(), console) { code } else { code.max(EXIT_FAILED) }
 }
 
@@ -52,13 +55,23 @@ fn observer<T: Observer>(one: &T) -> &dyn Observer {
     one
 }
 
+/// Where the bundles of failures are. Trouble with them is no trouble of the run.
+fn say_saved(saver: Option<Saver>, console: &mut Console) {
+    for saved in saver.into_iter().flat_map(Saver::end) {
+        match saved {
+            Ok(folder) => console.say(&format!("saved: `pegbar replay {}` runs it alone\n", folder.display())),
+            Err(why) => console.say(&format!("warning: {why}\n")),
+        }
+    }
+}
+
 fn refuse(loaded: &Loaded, wrong: Diagnostic, console: &mut Console) -> u8 {
     console.diagnostics(&loaded.sources, &[wrong]);
     EXIT_WRONG
 }
 
 /// Runs the job while another thread shows how far it is.
-fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observer>; 1], threads: usize, console: &mut Console) -> Outcome {
+fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observer>; 2], threads: usize, console: &mut Console) -> Outcome {
     let style = match args.progress {
         Progress::Auto if console.is_terminal => Style::Bar,
         Progress::Auto | Progress::Plain => Style::Plain,

@@ -289,6 +289,78 @@ fn a_trace_is_there_after_a_run_that_fails_or_is_cancelled() {
 }
 
 #[test]
+fn a_failure_is_saved_and_replayed_where_nothing_of_the_run_is_left() {
+    let shot = Shot::new(FINE);
+    let ran = shot.run(&["--set", "g.fails=4", "--progress", "none", "--threads", "1", "--save-failure", &shot.path("failed")]);
+    assert_eq!(ran.code, 1);
+    assert!(ran.err.ends_with("saved: `pegbar replay failed/g@4` runs it alone\n"), "{}", ran.err);
+    assert_eq!(std::fs::read_dir(shot.path("failed")).unwrap().count(), 1, "one of a node, and the first");
+    let elsewhere = tempfile::tempdir().unwrap();
+    let bundle = elsewhere.path().join("b").to_string_lossy().into_owned();
+    std::fs::rename(shot.path("failed/g@4"), &bundle).unwrap();
+    std::fs::remove_dir_all(shot.0.path()).unwrap();
+    let ran = cli(&["replay", &bundle]);
+    let expected = "\
+error: node `g` failed at frame 4: expected an early frame, found a late one
+  = help: ask for fewer frames
+  = note: test.gain with a: Curve []
+
+the failure is reproduced
+";
+    assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (1, "", expected));
+    let record = format!("{bundle}/failure.json");
+    let text = std::fs::read_to_string(&record).unwrap();
+    std::fs::write(&record, text.replace("\"literal\": \"4\"", "\"literal\": \"5\"")).unwrap();
+    let out = format!("{bundle}/../out");
+    let ran = cli(&["replay", &bundle, "--out", &out]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.starts_with("node `g` at frame 4 no longer fails; in the run it failed: expected an early frame"), "{}", ran.err);
+    let mut archive = pegbar_engine::npz::Archive::open(std::fs::File::open(format!("{out}/value.npz")).unwrap(), 1 << 20).unwrap();
+    let value = archive.value(registry().get_type("Curve").unwrap()).unwrap();
+    assert_eq!(pegbar_engine::value::downcast::<Curve>(value).unwrap().value, 8.0);
+    std::fs::write(&record, text.replace("a late one", "a latecomer")).unwrap();
+    let ran = cli(&["replay", &bundle]);
+    assert_eq!(ran.code, 1);
+    assert!(
+        ran.err.contains("found a late one")
+            && ran.err.contains("fails otherwise; in the run it failed: expected an early frame, found a latecomer")
+    );
+    std::fs::write(&record, text.replace("\"version\": 3", "\"version\": 2")).unwrap();
+    let ran = cli(&["replay", &bundle]);
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.starts_with("error: expected version 2 of `test.gain`, as saved by Pegbar"), "{}", ran.err);
+    assert_eq!(cli(&["replay", "/nowhere"]).code, 2);
+}
+
+#[test]
+fn each_node_that_fails_is_saved_and_trouble_with_that_hides_nothing() {
+    let nodes: String = (0..10).map(|i| format!("\"g{i}\": (type: \"test.gain\", a: \"@f\", fails: 2), \"o{i}\": (type: \"test.write\", value: \"@g{i}\", path: \"$out/{i}.#.txt\"),\n")).collect();
+    let shot = Shot::new(&format!("\"f\": (type: \"test.frame\"),\n{nodes}"));
+    let ran = shot.run(&["--progress", "none", "--save-failure", &shot.path("failed")]);
+    assert_eq!((ran.code, ran.err.matches("saved: ").count()), (1, 8), "{}", ran.err);
+    assert_eq!(std::fs::read_dir(shot.path("failed")).unwrap().count(), 8);
+    std::fs::write(shot.path("file"), "").unwrap();
+    let ran = shot.run(&["--progress", "none", "--frames", "2", "--save-failure", &shot.path("file")]);
+    assert_eq!((ran.code, ran.err.matches("error[PB0500]").count()), (1, 10));
+    let warning = "warning: the failure of node `g0` is not saved: file: making the folder failed:";
+    assert!(ran.err.contains(warning) || ran.err.matches("is not saved: file: making the folder failed:").count() == 8, "{}", ran.err);
+}
+
+#[test]
+fn a_sink_that_fails_is_replayed_with_the_file_in_a_folder_of_its_own() {
+    let shot = Shot::new(&FINE.replace("$out/n", "$out/no/n"));
+    let ran = shot.run(&["--progress", "none", "--threads", "1", "--save-failure", &shot.path("failed")]);
+    assert_eq!(ran.code, 1);
+    std::fs::remove_dir_all(shot.path("out")).unwrap();
+    let ran = cli(&["replay", &shot.path("failed/out@1")]);
+    assert!(ran.code == 1 && ran.err.ends_with("the failure is reproduced\n"), "{}", ran.err);
+    assert!(!Path::new(&shot.path("out")).exists());
+    std::fs::create_dir_all(shot.path("elsewhere/no")).unwrap();
+    let ran = cli(&["replay", &shot.path("failed/out@1"), "--out", &shot.path("elsewhere")]);
+    assert_eq!((ran.code, shot.read("elsewhere/no/n.01.txt").as_deref()), (0, Some("2\n")), "{}", ran.err);
+}
+
+#[test]
 fn what_is_wrong_with_the_command_line_is_said_before_anything_runs() {
     let shot = Shot::new(FINE);
     let cases: [(&[&str], &str); 8] = [
