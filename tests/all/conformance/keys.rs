@@ -48,7 +48,7 @@ fn keys(graph: &Graph) -> Result<BTreeSet<[u8; 32]>, String> {
 }
 
 /// Two pictures a frame, and one that is another.
-fn pictures(folder: &Path) {
+pub(super) fn pictures(folder: &Path) {
     for (name, level) in [("a", 0.2), ("b", 0.7)] {
         for frame in 1..=4 {
             let picture =

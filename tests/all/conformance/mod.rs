@@ -1,6 +1,7 @@
 //! What holds for every node type and value type of the registry, without a line of test for any of them.
 
 mod keys;
+mod replay;
 mod rough;
 mod standin;
 

@@ -32,7 +32,7 @@ fn values(node: &NodeType) -> Vec<&InputSchema> {
 }
 
 /// The node with values of `kind` at the input called `at`, or at all of them.
-fn graph(folder: &Path, node: &NodeType, kind: Kind, at: Option<&str>, optional: bool) -> Option<String> {
+pub(super) fn graph(folder: &Path, node: &NodeType, kind: Kind, at: Option<&str>, optional: bool) -> Option<String> {
     let at_input = |i: &InputSchema| if at.is_none_or(|a| a == i.name) { kind } else { Kind::Ordinary };
     let mut given = fields(&node.schema, at_input);
     let missing = values(node).into_iter().filter(|i| optional && !given.iter().any(|(n, _)| n == i.name));
