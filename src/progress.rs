@@ -414,6 +414,11 @@ pub(crate) fn finished_line(sources: &SourceMap, graph: &Graph, outcome: &Outcom
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
+    use pegbar_engine::check::{LoadOptions, load_text};
+    use pegbar_engine::job::Request;
+
     use super::*;
 
     const fn running(node: usize, frame: Option<i64>, thread: usize, secs: u64) -> Running {
@@ -443,6 +448,37 @@ mod tests {
         assert_eq!(look(201, 30, lane(30, Some((3, None)))), (0, false, vec![running(7, Some(12), 0, 201), running(3, None, 1, 0)]));
         let said: Vec<u64> = (202..230).filter(|&secs| look(secs, 30, last).1).collect();
         assert_eq!(said, [211, 221]);
+    }
+
+    /// What a reporter says when the first task that began, of frame 3, has run for `secs` on the second of two threads.
+    fn said(style: Style, secs: u64) -> (String, String) {
+        let text = "Graph(pegbar: 1, frames: (first: 1, last: 8, fps: 24), nodes: { \"slow\": (type: \"test.frame\") })";
+        let loaded = load_text(Path::new("g.ron"), text, &crate::tests::registry(), &LoadOptions::default());
+        let graph = loaded.graph.unwrap();
+        let job = Job::new(&graph, &Request { only: Some("slow".to_owned()), ..Request::default() }).map_err(|d| d.message).unwrap();
+        let reporter = Reporter::new(&graph, &job, style, 2);
+        let start = Instant::now();
+        let mut watch = Watch::new(start, 2);
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let cancel = pegbar_engine::node::Cancel::default();
+        let mut console = Console { stdout: &mut out, stderr: &mut err, is_terminal: false, colour: false, cancel };
+        reporter.started(0, Some(3), 1);
+        assert_eq!(reporter.show_waiting(&mut watch, start, &mut console), None);
+        let bar = reporter.show_waiting(&mut watch, start + Duration::from_secs(secs), &mut console);
+        assert_eq!(bar.is_some(), style == Style::Bar);
+        (String::from_utf8(out).unwrap(), bar.unwrap_or_default() + &String::from_utf8(err).unwrap())
+    }
+
+    #[test]
+    fn what_is_waited_for_is_named_with_its_frame_time_and_thread() {
+        let text = "still running: slow@3 for 34.0 s on thread 1";
+        assert_eq!(said(Style::Plain, 34), (String::new(), format!("{text}\n")));
+        assert_eq!(said(Style::Bar, 34), (String::new(), text.to_owned()));
+        assert_eq!(said(Style::Plain, 9), (String::new(), String::new()));
+        let (out, err) = said(Style::Json, 34);
+        let event: serde_json::Value = serde_json::from_str(&out).unwrap();
+        let running = json!([{"node": "slow", "frame": 3, "seconds": 34.0, "thread": 1}]);
+        assert_eq!((event, err.as_str()), (json!({"event": "waiting", "seconds": 34.0, "running": running}), ""));
     }
 
     #[test]

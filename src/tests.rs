@@ -85,7 +85,7 @@ impl PerFrame for Write {
     }
 }
 
-fn registry() -> Registry {
+pub(crate) fn registry() -> Registry {
     Registry::new().per_frame::<FrameNumber>().per_frame::<Gain>().per_frame::<Write>()
 }
 
