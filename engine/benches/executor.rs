@@ -126,10 +126,10 @@ fn each(clip: In<Clip>, point: impl Fn(f32) -> f32) -> Result<Filtered, NodeErro
 }
 
 macro_rules! filter {
-    ($name:ident, $id:literal, $doc:literal, $point:expr) => {
+    ($name:ident, $id:literal, $doc:literal, $point:expr $(, $more:ident)?) => {
         #[doc = $doc]
         #[derive(Node)]
-        #[node(id = $id, version = 1, outputs = Filtered)]
+        #[node(id = $id, version = 1, outputs = Filtered $(, $more)?)]
         struct $name {
             /// A frame.
             clip: In<Clip>,
@@ -143,6 +143,7 @@ macro_rules! filter {
     };
 }
 
+filter!(First, "bench.first", "One less the sample, of a still clip anew at each frame.", |v| 1.0 - v, uses_frame);
 filter!(Invert, "bench.invert", "One less the sample.", |v| 1.0 - v);
 filter!(Levels, "bench.levels", "Black and white brought closer.", |v: f32| v.clamp(0.0, 1.0) * 0.9 + 0.05);
 filter!(Scale, "bench.scale", "Nine tenths of the sample.", |v| v * 0.9);
@@ -150,7 +151,7 @@ filter!(Limit, "bench.limit", "No less than nought, no more than one.", |v: f32|
 
 fn registry() -> Registry {
     let numbers = Registry::new().per_frame::<FrameNumber>().per_frame::<Next>().per_frame::<Depth>();
-    numbers.per_frame::<Blank>().per_frame::<Invert>().per_frame::<Levels>().per_frame::<Scale>().per_frame::<Limit>()
+    numbers.per_frame::<Blank>().per_frame::<First>().per_frame::<Invert>().per_frame::<Levels>().per_frame::<Scale>().per_frame::<Limit>()
 }
 
 /// Runs the last of `nodes` over so many frames.
@@ -218,7 +219,7 @@ fn tasks(criterion: &mut Criterion) {
 fn filters(criterion: &mut Criterion) {
     let clip = |width: i64, height: i64, planes: i64| {
         let blank = format!("type: \"bench.blank\", width: {width}, height: {height}, planes: {planes}");
-        let filters = ["invert", "levels", "scale", "limit", "invert"].iter().enumerate();
+        let filters = ["first", "levels", "scale", "limit", "invert"].iter().enumerate();
         let nodes = filters.map(|(i, f)| format!("type: \"bench.{f}\", clip: \"@n{i}\""));
         std::iter::once(blank).chain(nodes).collect::<Vec<_>>()
     };
