@@ -3,6 +3,8 @@
 pub mod algo;
 mod cel;
 mod comp;
+#[cfg(test)]
+mod counted;
 pub mod data;
 #[cfg(test)]
 mod footage_tests;

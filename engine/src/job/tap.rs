@@ -110,7 +110,7 @@ impl Tap {
             return self.file(self.file.clone(), |out| npz::write(first.as_ref(), false, out));
         }
         if is_even(&values) {
-            return self.file(self.file.clone(), |out| npz::write_stream(&frames, &values, false, out));
+            return self.file(self.file.clone(), |out| npz::write_stream(&frames, |k| Ok(values[k].clone()), false, out));
         }
         for (frame, value) in frames.iter().zip(&values) {
             let sign = if *frame < 0 { "-" } else { "" };

@@ -19,7 +19,8 @@ use zip::CompressionMethod;
 use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 
-use crate::array::{Array, ArrayView, DType, Data, describe};
+use crate::array::{Array, DType, Data, Shape, describe};
+use crate::node::{Fault, NodeError};
 use crate::value::{AnyValue, Meta, OwnedParts, ValueError, ValueRef, ValueType};
 
 use npy::Header;
@@ -115,6 +116,18 @@ impl NpzError {
     }
 }
 
+impl From<NpzError> for NodeError {
+    fn from(error: NpzError) -> Self {
+        let fault = match error {
+            NpzError::Io(_) => Fault::Io,
+            NpzError::TooLarge { .. } => Fault::Limit,
+            NpzError::Unsupported { .. } => Fault::Unsupported,
+            _ => Fault::Input,
+        };
+        NodeError::new(fault, error.to_string())
+    }
+}
+
 fn zip_error(error: ZipError) -> NpzError {
     match error {
         ZipError::Io(e) if e.kind() != io::ErrorKind::UnexpectedEof && e.raw_os_error().is_some() => NpzError::Io(e),
@@ -133,39 +146,61 @@ pub fn write(value: &dyn AnyValue, compress: bool, out: impl Write + Seek) -> Re
     let parts = value.parts();
     let mut zip = Writer::new(compress, out);
     for (name, array) in &parts.arrays {
-        zip.array(name, array.dtype, &array.shape, &[array.bytes])?;
+        zip.array(name, array.dtype, &array.shape, array.bytes)?;
     }
     zip.meta(parts.meta)?;
     zip.finish()
 }
 
-/// Writes a stream as one file: `values[i]` is that of the frame `frames[i]`.
+/// Writes a stream as one file: `value(i)` is that of the frame `frames[i]`.
+///
+/// One value is held at a time. Each is asked for once for every array that the type has, first to last, so that a value which was moved to disk
+/// meanwhile is fetched in the order in which it is written.
 ///
 /// Cost: O(bytes).
 ///
 /// # Errors
-/// Where the frames' arrays differ in extents, or the writer fails.
-pub fn write_stream(frames: &[i64], values: &[ValueRef], compress: bool, out: impl Write + Seek) -> Result<(), NpzError> {
-    let parts: Vec<_> = values.iter().map(|v| v.parts()).collect();
+/// Where the frames' arrays differ in extents, the writer fails, or `value` does.
+pub fn write_stream<E: From<NpzError>>(
+    frames: &[i64],
+    mut value: impl FnMut(usize) -> Result<ValueRef, E>,
+    compress: bool,
+    out: impl Write + Seek,
+) -> Result<(), E> {
     let mut zip = Writer::new(compress, out);
-    zip.array(FRAMES, DType::I64, &[frames.len()], &[bytemuck::cast_slice(frames)])?;
-    for (i, (name, first)) in parts.first().iter().flat_map(|p| &p.arrays).enumerate() {
-        let mut slices = Vec::with_capacity(parts.len());
-        for (at, frame) in parts.iter().enumerate() {
-            match frame.arrays.get(i) {
-                Some((_, array)) if array.dtype == first.dtype && array.shape == first.shape => slices.push(array.bytes),
+    zip.array(FRAMES, DType::I64, &[frames.len()], bytemuck::cast_slice(frames))?;
+    let mut metas = Vec::with_capacity(frames.len());
+    let layout = if frames.is_empty() { Vec::new() } else { layout(value(0)?.as_ref()) };
+    for (i, (name, dtype, shape)) in layout.iter().enumerate() {
+        let stacked: Vec<usize> = std::iter::once(frames.len()).chain(shape.iter().copied()).collect();
+        zip.begin(name, *dtype, &stacked)?;
+        for (at, frame) in frames.iter().enumerate() {
+            let value = value(at)?;
+            let parts = value.parts();
+            match parts.arrays.get(i) {
+                Some((_, array)) if array.dtype == *dtype && array.shape == *shape => zip.more(array.bytes)?,
                 other => {
-                    let shape = |a: &ArrayView| format!("`{name}` as {}", describe(a.dtype, &a.shape));
-                    let found = other.map_or_else(|| "another type".to_owned(), |(_, a)| shape(a));
-                    return Err(NpzError::Uneven { expected: shape(first), found, frame: frames.get(at).copied().unwrap_or_default() });
+                    let told = |dtype, shape: &[usize]| format!("`{name}` as {}", describe(dtype, shape));
+                    let found = other.map_or_else(|| "another type".to_owned(), |(_, a)| told(a.dtype, &a.shape));
+                    return Err(NpzError::Uneven { expected: told(*dtype, shape), found, frame: *frame }.into());
                 }
             }
+            if i == 0 {
+                metas.push(parts.meta);
+            }
         }
-        let shape: Vec<usize> = std::iter::once(values.len()).chain(first.shape.iter().copied()).collect();
-        zip.array(name, first.dtype, &shape, &slices)?;
     }
-    zip.meta(stacked_meta(parts.into_iter().map(|p| p.meta).collect()))?;
-    zip.finish()
+    // A type of texts alone has no array whose turn the texts could be read at.
+    for at in metas.len()..frames.len() {
+        metas.push(value(at)?.parts().meta);
+    }
+    zip.meta(stacked_meta(metas))?;
+    Ok(zip.finish()?)
+}
+
+/// Name, element type and extents of each array.
+fn layout(value: &dyn AnyValue) -> Vec<(&'static str, DType, Shape)> {
+    value.parts().arrays.into_iter().map(|(name, a)| (name, a.dtype, a.shape)).collect()
 }
 
 /// Text fields once where they are the same at every frame, else as a list.
@@ -237,15 +272,21 @@ impl<W: Write + Seek> Writer<W> {
         Self { zip: zip::ZipWriter::new(Fused { out, at: 0, end: 0, has_failed: false }), options }
     }
 
-    fn array(&mut self, name: &str, dtype: DType, shape: &[usize], slices: &[&[u8]]) -> Result<(), NpzError> {
-        let bytes: u64 = slices.iter().map(|s| s.len() as u64).sum();
+    /// An array whose bytes follow by [`Writer::more`].
+    fn begin(&mut self, name: &str, dtype: DType, shape: &[usize]) -> Result<(), NpzError> {
+        let bytes = shape.iter().fold(dtype.size() as u64, |n, &d| n.saturating_mul(d as u64));
         let options = self.options.large_file(bytes > u64::from(u32::MAX) / 2);
         self.zip.start_file(format!("{name}.npy"), options).map_err(written)?;
-        npy::write_header(dtype, shape, &mut self.zip)?;
-        for slice in slices {
-            self.zip.write_all(slice)?;
-        }
-        Ok(())
+        Ok(npy::write_header(dtype, shape, &mut self.zip)?)
+    }
+
+    fn more(&mut self, bytes: &[u8]) -> Result<(), NpzError> {
+        Ok(self.zip.write_all(bytes)?)
+    }
+
+    fn array(&mut self, name: &str, dtype: DType, shape: &[usize], bytes: &[u8]) -> Result<(), NpzError> {
+        self.begin(name, dtype, shape)?;
+        self.more(bytes)
     }
 
     fn meta(&mut self, meta: Meta) -> Result<(), NpzError> {
@@ -253,7 +294,7 @@ impl<W: Write + Seek> Writer<W> {
             return Ok(());
         }
         let text = serde_json::Value::Object(meta).to_string();
-        self.array(META, DType::U8, &[text.len()], &[text.as_bytes()])
+        self.array(META, DType::U8, &[text.len()], text.as_bytes())
     }
 
     fn finish(self) -> Result<(), NpzError> {

@@ -38,9 +38,14 @@ pub(super) fn write<E: std::fmt::Display>(
     fault: Fault,
     contents: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
 ) -> Result<(), NodeError> {
+    write_read(path, |out| contents(out).map_err(|error| NodeError::new(fault, error.to_string())))
+}
+
+/// As [`write`], of contents that are read meanwhile: what fails there keeps its fault and its help.
+pub(super) fn write_read(path: &Path, contents: impl FnOnce(&mut BufWriter<&File>) -> Result<(), NodeError>) -> Result<(), NodeError> {
     atomic::write(path, contents).map_err(|error| match error {
         atomic::WriteError::File { .. } => NodeError::new(Fault::Io, error.to_string()),
-        atomic::WriteError::Contents { .. } => NodeError::new(fault, error.to_string()),
+        atomic::WriteError::Contents { path, source } => NodeError { message: format!("{}: {source}", path.display()), ..source },
     })
 }
 

@@ -56,18 +56,13 @@ pub(crate) struct IoReadValue {
     clock: Option<ClockName>,
 }
 
-fn npz_error(path: &Path, error: &NpzError) -> NodeError {
-    let fault = match error {
-        NpzError::Io(_) => Fault::Io,
-        NpzError::TooLarge { .. } => Fault::Limit,
-        NpzError::Unsupported { .. } => Fault::Unsupported,
-        _ => Fault::Input,
-    };
-    NodeError::new(fault, format!("{}: {error}", path.display()))
+fn npz_error(path: &Path, error: NpzError) -> NodeError {
+    let error = NodeError::from(error);
+    NodeError { message: format!("{}: {error}", path.display()), ..error }
 }
 
 fn open(path: &Path) -> Result<Archive<BufReader<File>>, NodeError> {
-    Archive::open(BufReader::new(file::open(path)?), MAX_BYTES).map_err(|e| npz_error(path, &e))
+    Archive::open(BufReader::new(file::open(path)?), MAX_BYTES).map_err(|e| npz_error(path, e))
 }
 
 /// The position of what stands at `frame` among `frames`, which may be in any order.
@@ -97,7 +92,7 @@ impl PerFrame for IoReadValue {
             NodeError::new(Fault::Io, format!("expected a file of {} for frame {}, found none", self.path.pattern(), cx.frame))
         })?;
         let mut archive = open(&path)?;
-        let failed = |e: NpzError| npz_error(&path, &e);
+        let failed = |e: NpzError| npz_error(&path, e);
         let value = match archive.frames().map_err(failed)? {
             Some(frames) if !self.path.is_sequence() => {
                 let at = position(&frames, cx.frame, self.missing);

@@ -5,7 +5,8 @@
 //! need. `numpy.load` reads the files, and `io.read_value` gives back the same bits.
 //!
 //! **Source**: NumPy Enhancement Proposal 1 (Kern 2007). **Fails when** the frames of a stacked stream differ in shape, or the file cannot be written.
-//! **Cost**: O(bytes); all frames are in memory.
+//! **Cost**: O(bytes); one frame is in memory, and for one file of a
+//! stream each frame is read once for every array that it has.
 //!
 //! ```ron
 //! Graph(pegbar: 1, frames: (first: 1, last: 24, fps: 24), nodes: {
@@ -49,26 +50,63 @@ impl Whole for IoWriteValue {
     }
 
     fn run(self, cx: &Context) -> Result<(), NodeError> {
-        let values = &self.value.gather()?;
         match (self.value.clock(), self.path.is_sequence()) {
             (Some(clock), true) => {
-                for (frame, value) in clock.frames().zip(values) {
+                for (k, frame) in clock.frames().enumerate() {
                     cx.check()?;
-                    file::write(&self.path.at(frame), Fault::Io, |out| npz::write(value.as_ref(), self.compress, out))?;
+                    self.write(k, frame)?;
                 }
                 Ok(())
             }
             (Some(clock), false) => {
                 let frames: Vec<i64> = clock.frames().collect();
-                file::write(&self.path.at(0), Fault::Input, |out| npz::write_stream(&frames, values, self.compress, out))
+                let value = |k| {
+                    cx.check()?;
+                    self.value.get(k)
+                };
+                file::write_read(&self.path.at(0), |out| npz::write_stream(&frames, value, self.compress, out))
             }
             (None, true) => {
                 Err(NodeError::new(Fault::Parameters, "expected one value a frame for a path with ####, found one for the whole graph"))
             }
-            (None, false) => {
-                let value = values.first().ok_or_else(|| NodeError::internal("expected a value, found none"))?;
-                file::write(&self.path.at(0), Fault::Io, |out| npz::write(value.as_ref(), self.compress, out))
-            }
+            (None, false) => self.write(0, 0),
         }
+    }
+}
+
+impl IoWriteValue {
+    /// The value at a position into the file of its frame.
+    fn write(&self, idx: usize, frame: i64) -> Result<(), NodeError> {
+        let value = self.value.get(idx)?;
+        file::write(&self.path.at(frame), Fault::Io, |out| npz::write(value.as_ref(), self.compress, out))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::counted::{clock, counted};
+    use crate::data::Image;
+    use pegbar_engine::node::Cancel;
+    use pegbar_engine::setting::{Place, Setting};
+
+    /// Writes a stream of five pictures to a file of this name: the most that were alive at once, and how many were read.
+    fn written(folder: &std::path::Path, name: &str) -> (usize, usize) {
+        let place = Place { out: folder.to_owned(), ..Place::default() };
+        let path = OutputPath::parse(&format!("\"{name}\"")).unwrap().bind(&place);
+        let (value, count) = counted(5, |k| Image::new(2, 2, 1, vec![k as f32; 4]).unwrap());
+        let clock = clock(5);
+        let cx = Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() };
+        IoWriteValue { value, path, compress: false }.run(&cx).unwrap();
+        (count.peak(), count.reads())
+    }
+
+    #[test]
+    fn one_frame_is_held_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        // The first is read once more, for what all are to be like.
+        assert_eq!(written(folder.path(), "all.npz"), (1, 6));
+        assert_eq!(written(folder.path(), "one.####.npz"), (1, 5));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 6);
     }
 }
