@@ -11,16 +11,6 @@ use std::io::Write;
 /// Why a table could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
-    /// Two columns differ in length.
-    #[error("expected {expected} rows in column {column}, found {found}; the first column sets the number of rows")]
-    Ragged {
-        /// The column's name.
-        column: String,
-        /// Rows of the first column.
-        expected: usize,
-        /// Rows of this one.
-        found: usize,
-    },
     /// A name is empty, or stands twice.
     #[error("expected unique column names, found `{name}` {times}")]
     Name {
@@ -29,7 +19,7 @@ pub enum TableError {
         /// "empty" or "twice".
         times: &'static str,
     },
-    /// A line has too many or too few cells.
+    /// A row has too many or too few cells.
     #[error("expected {expected} cells in row {row}, found {found}")]
     Cells {
         /// Cells of the header.
@@ -52,60 +42,44 @@ pub enum TableError {
     Io(#[from] std::io::Error),
 }
 
-/// The cells of a column, one a row.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Cells {
-    /// Numbers in double precision; NaN is an empty cell, infinities are `inf` and `-inf`.
-    F64(Vec<f64>),
-    /// Numbers in single precision, likewise; fewer digits suffice.
-    F32(Vec<f32>),
-    /// Whole numbers.
-    Int(Vec<i64>),
+/// A cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cell<'a> {
+    /// A number in double precision; NaN is an empty cell, infinities are `inf` and `-inf`.
+    F64(f64),
+    /// A number in single precision, likewise; fewer digits suffice.
+    F32(f32),
+    /// A whole number.
+    Int(i64),
     /// Words.
-    Text(Vec<String>),
+    Text(&'a str),
 }
 
-impl Cells {
-    /// The number of rows.
-    pub fn len(&self) -> usize {
+impl Cell<'_> {
+    fn push(self, out: &mut String) {
         match self {
-            Cells::F64(cells) => cells.len(),
-            Cells::F32(cells) => cells.len(),
-            Cells::Int(cells) => cells.len(),
-            Cells::Text(cells) => cells.len(),
-        }
-    }
-
-    /// Whether there are no rows.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    fn push_cell(&self, row: usize, out: &mut String) {
-        match self {
-            Cells::F64(cells) => push_number(cells[row], out),
-            Cells::F32(cells) => push_number(cells[row], out),
-            Cells::Int(cells) => out.push_str(&cells[row].to_string()),
-            Cells::Text(cells) => push_quoted(&cells[row], out),
+            Cell::F64(number) => push_number(number, out),
+            Cell::F32(number) => push_number(number, out),
+            // Writing to a string cannot fail.
+            Cell::Int(number) => drop(write!(out, "{number}")),
+            Cell::Text(words) => push_quoted(words, out),
         }
     }
 }
 
-/// A named column.
+/// The head of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// The name in the header: not empty, unique in the table.
+    /// The name: not empty, unique in the table.
     pub name: String,
-    /// The unit in the header, as `name [unit]`; empty for none.
+    /// The unit, as `name [unit]`; empty for none.
     pub unit: String,
-    /// The cells.
-    pub cells: Cells,
 }
 
 impl Column {
     /// A column; `unit` is empty for pure numbers and words.
-    pub fn new(name: impl Into<String>, unit: impl Into<String>, cells: Cells) -> Column {
-        Column { name: name.into(), unit: unit.into(), cells }
+    pub fn new(name: impl Into<String>, unit: impl Into<String>) -> Column {
+        Column { name: name.into(), unit: unit.into() }
     }
 
     fn title(&self) -> String {
@@ -113,49 +87,66 @@ impl Column {
     }
 }
 
-/// Writes columns of equal length as CSV, header first; an empty slice writes nothing.
-///
-/// Errors: [`TableError::Ragged`], `Name`, `Io`. The bytes depend on the columns alone.
-pub fn write_csv(columns: &[Column], out: &mut impl Write) -> Result<(), TableError> {
-    check(columns)?;
-    let Some(first) = columns.first() else { return Ok(()) };
-    let mut line = String::new();
-    for (i, column) in columns.iter().enumerate() {
-        line.push_str(if i > 0 { "," } else { "" });
-        push_quoted(&column.title(), &mut line);
-    }
-    line.push_str("\r\n");
-    for row in 0..first.cells.len() {
-        for (i, column) in columns.iter().enumerate() {
-            line.push_str(if i > 0 { "," } else { "" });
-            column.cells.push_cell(row, &mut line);
-        }
-        line.push_str("\r\n");
-        if line.len() > 1 << 16 {
-            out.write_all(line.as_bytes())?;
-            line.clear();
-        }
-    }
-    out.write_all(line.as_bytes())?;
-    Ok(())
+/// A table that is written as CSV row by row. The bytes depend on columns and cells alone; without columns there are none.
+pub struct CsvWriter<W> {
+    out: W,
+    /// What is to be written next.
+    text: String,
+    columns: usize,
+    rows: usize,
 }
 
-fn check(columns: &[Column]) -> Result<(), TableError> {
-    let expected = columns.first().map_or(0, |column| column.cells.len());
-    let mut names = std::collections::BTreeSet::new();
-    for column in columns {
-        let bad_name = |times| Err(TableError::Name { name: column.name.clone(), times });
-        if column.name.is_empty() {
-            return bad_name("empty");
+impl<W: Write> CsvWriter<W> {
+    /// The header.
+    ///
+    /// Errors: [`TableError::Name`].
+    pub fn new(columns: &[Column], out: W) -> Result<Self, TableError> {
+        let mut names = std::collections::BTreeSet::new();
+        for column in columns {
+            let bad_name = |times| Err(TableError::Name { name: column.name.clone(), times });
+            if column.name.is_empty() {
+                return bad_name("empty");
+            }
+            if !names.insert(&column.name) {
+                return bad_name("twice");
+            }
         }
-        if !names.insert(&column.name) {
-            return bad_name("twice");
-        }
-        if column.cells.len() != expected {
-            return Err(TableError::Ragged { column: column.name.clone(), expected, found: column.cells.len() });
-        }
+        let mut writer = Self { out, text: String::new(), columns: columns.len(), rows: 0 };
+        let titles: Vec<String> = columns.iter().map(Column::title).collect();
+        writer.line(titles.iter().map(|title| Cell::Text(title)));
+        Ok(writer)
     }
-    Ok(())
+
+    /// The next row, a cell a column.
+    ///
+    /// Errors: [`TableError::Cells`], `Io`.
+    pub fn row(&mut self, cells: &[Cell]) -> Result<(), TableError> {
+        self.rows += 1;
+        if cells.len() != self.columns {
+            return Err(TableError::Cells { expected: self.columns, found: cells.len(), row: self.rows });
+        }
+        self.line(cells.iter().copied());
+        if self.text.len() > 1 << 16 {
+            self.out.write_all(self.text.as_bytes())?;
+            self.text.clear();
+        }
+        Ok(())
+    }
+
+    fn line<'a>(&mut self, cells: impl Iterator<Item = Cell<'a>>) {
+        for (i, cell) in cells.enumerate() {
+            self.text.push_str(if i > 0 { "," } else { "" });
+            cell.push(&mut self.text);
+        }
+        self.text.push_str(if self.columns > 0 { "\r\n" } else { "" });
+    }
+
+    /// Writes what is still to be written.
+    ///
+    /// Errors: [`TableError::Io`].
+    pub fn finish(mut self) -> Result<(), TableError> {
+        Ok(self.out.write_all(self.text.as_bytes())?)
+    }
 }
 
 /// The shortest digits that read back to the same number; very large and very small ones with an exponent.
@@ -278,22 +269,25 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn csv(columns: &[Column]) -> String {
+    fn csv(columns: &[(&str, &str)], rows: &[Vec<Cell>]) -> Result<String, TableError> {
+        let columns: Vec<Column> = columns.iter().map(|(name, unit)| Column::new(*name, *unit)).collect();
         let mut out = Vec::new();
-        write_csv(columns, &mut out).unwrap();
-        String::from_utf8(out).unwrap()
+        let mut writer = CsvWriter::new(&columns, &mut out)?;
+        rows.iter().try_for_each(|row| writer.row(row))?;
+        writer.finish()?;
+        Ok(String::from_utf8(out).unwrap())
     }
 
     #[test]
     fn a_table_is_written_as_rfc_4180_has_it() {
-        let columns = [
-            Column::new("frame", "", Cells::Int(vec![1, -2, i64::MAX])),
-            Column::new("x", "px", Cells::F64(vec![0.1, 1e300, f64::NAN])),
-            Column::new("y", "px", Cells::F32(vec![0.1, -0.0, f32::INFINITY])),
-            Column::new("note, \"said\"", "", Cells::Text(vec!["plain".into(), "a \"b\", c".into(), String::new()])),
+        let columns = [("frame", ""), ("x", "px"), ("y", "px"), ("note, \"said\"", "")];
+        let rows = [
+            vec![Cell::Int(1), Cell::F64(0.1), Cell::F32(0.1), Cell::Text("plain")],
+            vec![Cell::Int(-2), Cell::F64(1e300), Cell::F32(-0.0), Cell::Text("a \"b\", c")],
+            vec![Cell::Int(i64::MAX), Cell::F64(f64::NAN), Cell::F32(f32::INFINITY), Cell::Text("")],
         ];
         let expected = "frame,x [px],y [px],\"note, \"\"said\"\"\"\r\n1,0.1,0.1,plain\r\n-2,1e300,-0,\"a \"\"b\"\", c\"\r\n9223372036854775807,,inf,\"\"\r\n";
-        assert_eq!(csv(&columns), expected);
+        assert_eq!(csv(&columns, &rows).unwrap(), expected);
         let read = read_csv(expected).unwrap();
         assert_eq!(read.names, ["frame", "x", "y", "note, \"said\""]);
         assert_eq!(read.units, ["", "px", "px", ""]);
@@ -305,21 +299,17 @@ mod tests {
 
     #[test]
     fn tables_without_rows_or_columns_are_written() {
-        assert_eq!(csv(&[]), "");
-        assert_eq!(csv(&[Column::new("a", "s", Cells::F64(Vec::new()))]), "a [s]\r\n");
+        assert_eq!(csv(&[], &[Vec::new()]).unwrap(), "");
+        assert_eq!(csv(&[("a", "s")], &[]).unwrap(), "a [s]\r\n");
         assert_eq!(read_csv("").unwrap(), TextTable::default());
     }
 
     #[test]
     fn tables_that_contradict_themselves_are_refused() {
-        let error = |columns: &[Column]| write_csv(columns, &mut Vec::new()).unwrap_err().to_string();
-        let column = |name: &str, rows| Column::new(name, "", Cells::Int(vec![0; rows]));
-        assert_eq!(
-            error(&[column("a", 2), column("b", 3)]),
-            "expected 2 rows in column b, found 3; the first column sets the number of rows"
-        );
-        assert_eq!(error(&[column("a", 2), column("a", 2)]), "expected unique column names, found `a` twice");
-        assert_eq!(error(&[column("", 2)]), "expected unique column names, found `` empty");
+        let error = |columns: &[(&str, &str)]| csv(columns, &[vec![Cell::Int(0); 2], vec![Cell::Int(0)]]).unwrap_err().to_string();
+        assert_eq!(error(&[("a", ""), ("b", "")]), "expected 2 cells in row 2, found 1");
+        assert_eq!(error(&[("a", ""), ("a", "px")]), "expected unique column names, found `a` twice");
+        assert_eq!(error(&[("", "")]), "expected unique column names, found `` empty");
     }
 
     #[test]
@@ -342,7 +332,8 @@ mod tests {
         fn numbers_read_back_to_the_same_bits(bits in proptest::collection::vec(any::<u64>(), 1..20)) {
             let values: Vec<f64> = bits.iter().map(|b| f64::from_bits(*b)).collect();
             let singles: Vec<f32> = bits.iter().map(|b| f32::from_bits(*b as u32)).collect();
-            let text = csv(&[Column::new("d", "", Cells::F64(values.clone())), Column::new("s", "", Cells::F32(singles.clone()))]);
+            let rows: Vec<Vec<Cell>> = values.iter().zip(&singles).map(|(d, s)| vec![Cell::F64(*d), Cell::F32(*s)]).collect();
+            let text = csv(&[("d", ""), ("s", "")], &rows).unwrap();
             let read = read_csv(&text).unwrap();
             for (row, (value, single)) in values.iter().zip(&singles).enumerate() {
                 let cell = &read.rows[row];
@@ -353,8 +344,8 @@ mod tests {
 
         #[test]
         fn words_read_back(words in proptest::collection::vec(proptest::collection::vec("[a\",\r\n é]{0,6}", 2), 1..8)) {
-            let column = |c: usize, name| Column::new(name, "", Cells::Text(words.iter().map(|w| w[c].clone()).collect()));
-            prop_assert_eq!(read_csv(&csv(&[column(0, "a"), column(1, "b")])).unwrap().rows, words);
+            let rows: Vec<Vec<Cell>> = words.iter().map(|row| row.iter().map(|w| Cell::Text(w)).collect()).collect();
+            prop_assert_eq!(read_csv(&csv(&[("a", ""), ("b", "")], &rows).unwrap()).unwrap().rows, words);
         }
 
         #[test]

@@ -5,7 +5,7 @@
 //! stands in every row. Numbers are written in the fewest digits that read back to the same bits.
 //!
 //! **Source**: RFC 4180 (Shafranovich 2005). **Fails when** values tick to several clocks, or change their shape from frame to frame. **Cost**:
-//! O(numbers); all frames are in memory.
+//! O(numbers); one value is in memory.
 //!
 //! ```ron
 //! Graph(pegbar: 1, frames: (first: 1, last: 24, fps: 24), nodes: {
@@ -16,11 +16,12 @@
 
 use pegbar_engine::Node;
 use pegbar_engine::array::{ArrayView, DType, Shape};
+use pegbar_engine::clock::Clock;
 use pegbar_engine::node::{AnySequence, Context, Fault, List, NodeError, Problem, Whole};
 use pegbar_engine::setting::OutputPath;
 use pegbar_engine::value::ValueRef;
 
-use crate::algo::table::{Cells, Column, write_csv};
+use crate::algo::table::{Cell, Column, CsvWriter, TableError};
 
 use super::file;
 
@@ -72,29 +73,41 @@ impl Whole for IoWriteTable {
                 return Err(NodeError::new(Fault::Parameters, message));
             }
         }
-        let mut columns = Vec::new();
-        let rows = self.frames(&mut columns)?;
-        let names = self.column_names()?;
-        for (i, sequence) in sequences.iter().enumerate() {
-            cx.check()?;
+        let clock = self.clock()?;
+        let mut columns: Vec<Column> = clock.iter().map(|_| Column::new("frame", "")).collect();
+        let mut sources = Vec::new();
+        for (i, name) in self.column_names()?.iter().enumerate().filter(|(i, _)| !sequences[*i].is_empty()) {
             let unit = self.units.get(i).map_or("", String::as_str);
-            add_columns(&names[i], unit, &sequence.gather()?, rows, &mut columns)?;
+            sources.push(Source::new(&sequences[i], name, unit, &mut columns)?);
         }
-        file::write(&self.path.at(0), Fault::Parameters, |out| write_csv(&columns, out))
+        file::write_read(&self.path.at(0), |out| {
+            let mut table = CsvWriter::new(&columns, out).map_err(table_error)?;
+            for row in 0..clock.map_or(1, Clock::len) {
+                cx.check()?;
+                let mut cells: Vec<Cell> = clock.iter().map(|c| Cell::Int(c.first + row as i64)).collect();
+                sources.iter().try_for_each(|source| source.push_cells(row, &mut cells))?;
+                table.row(&cells).map_err(table_error)?;
+            }
+            table.finish().map_err(table_error)
+        })
     }
 }
 
+fn table_error(error: TableError) -> NodeError {
+    let fault = if matches!(error, TableError::Io(_)) { Fault::Io } else { Fault::Parameters };
+    NodeError::new(fault, error.to_string())
+}
+
 impl IoWriteTable {
-    /// The number of rows; where anything changes over time, the column of frames.
-    fn frames(&self, columns: &mut Vec<Column>) -> Result<usize, NodeError> {
+    /// The clock, where anything changes over time.
+    fn clock(&self) -> Result<Option<&Clock>, NodeError> {
         let mut clocks = self.values.0.iter().filter_map(AnySequence::clock);
-        let Some(clock) = clocks.next() else { return Ok(1) };
+        let Some(clock) = clocks.next() else { return Ok(None) };
         if let Some(other) = clocks.find(|c| *c != clock) {
             let message = format!("expected values of one clock, found `{}` and `{}`", clock.name, other.name);
             return Err(NodeError::input(message).help("a node that changes time goes between: time.hold, time.resample or retime.apply"));
         }
-        columns.push(Column::new("frame", "", Cells::Int(clock.frames().collect())));
-        Ok(clock.len())
+        Ok(Some(clock))
     }
 
     /// A name for each value: as given, else its type's in small letters, numbered where several would be the same.
@@ -110,15 +123,50 @@ impl IoWriteTable {
     }
 }
 
-fn add_columns(name: &str, unit: &str, values: &[ValueRef], rows: usize, columns: &mut Vec<Column>) -> Result<(), NodeError> {
-    let parts: Vec<_> = values.iter().map(|v| v.parts()).collect();
-    let Some(first) = parts.first() else { return Ok(()) };
-    for (a, (array_name, array)) in first.arrays.iter().enumerate() {
-        let title = if first.arrays.len() == 1 { name.to_owned() } else { format!("{name}.{array_name}") };
-        let mut frames = Vec::with_capacity(rows);
-        for part in &parts {
-            match part.arrays.get(a) {
-                Some((_, view)) if view.shape == array.shape && view.dtype == array.dtype => frames.push(view),
+/// Where the cells of some columns come from.
+struct Source<'a> {
+    values: &'a AnySequence,
+    /// A value that does not change stands in every row.
+    held: Option<ValueRef>,
+    /// Each array of a value, as it must be at every frame.
+    arrays: Vec<Layout>,
+}
+
+struct Layout {
+    title: String,
+    dtype: DType,
+    shape: Shape,
+}
+
+impl<'a> Source<'a> {
+    /// Adds a column for each number of the first value.
+    fn new(values: &'a AnySequence, name: &str, unit: &str, columns: &mut Vec<Column>) -> Result<Self, NodeError> {
+        let first = values.get(0)?;
+        let parts = first.parts();
+        let mut arrays = Vec::with_capacity(parts.arrays.len());
+        for (array_name, ArrayView { dtype, shape, .. }) in &parts.arrays {
+            let title = if parts.arrays.len() == 1 { name.to_owned() } else { format!("{name}.{array_name}") };
+            let count = shape.iter().product::<usize>();
+            if columns.len() + count > MAX_COLUMNS {
+                return Err(NodeError::new(
+                    Fault::Limit,
+                    format!("expected at most {MAX_COLUMNS} columns, found {count} more in `{title}`"),
+                ));
+            }
+            columns.extend((0..count).map(|k| Column::new(format!("{title}{}", suffix(shape, k)), unit)));
+            arrays.push(Layout { title, dtype: *dtype, shape: *shape });
+        }
+        drop(parts);
+        Ok(Self { values, held: (values.len() == 1).then_some(first), arrays })
+    }
+
+    /// All numbers of the value in a row.
+    fn push_cells(&self, row: usize, cells: &mut Vec<Cell>) -> Result<(), NodeError> {
+        let value = self.held.clone().map_or_else(|| self.values.get(row), Ok)?;
+        let parts = value.parts();
+        for (i, Layout { title, dtype, shape }) in self.arrays.iter().enumerate() {
+            match parts.arrays.get(i) {
+                Some((_, view)) if view.shape == *shape && view.dtype == *dtype => push_numbers(view, cells),
                 _ => {
                     let message = format!(
                         "expected `{title}` of the same shape at every frame, found several: write it with `io.write_value` and #### in the path"
@@ -127,17 +175,8 @@ fn add_columns(name: &str, unit: &str, values: &[ValueRef], rows: usize, columns
                 }
             }
         }
-        // A value that does not change stands in every row.
-        if let (1, Some(&only)) = (frames.len(), frames.first()) {
-            frames.resize(rows, only);
-        }
-        let count = array.shape.iter().product::<usize>();
-        if columns.len() + count > MAX_COLUMNS {
-            return Err(NodeError::new(Fault::Limit, format!("expected at most {MAX_COLUMNS} columns, found {count} more in `{title}`")));
-        }
-        columns.extend((0..count).map(|k| Column::new(format!("{title}{}", suffix(&array.shape, k)), unit, cells(&frames, k))));
+        Ok(())
     }
-    Ok(())
 }
 
 /// `[1][2]`: where the element `k` stands in an array of these extents.
@@ -150,16 +189,39 @@ fn suffix(shape: &Shape, mut k: usize) -> String {
     indices.iter().rev().map(|i| format!("[{i}]")).collect()
 }
 
-/// The element `k` of each array.
-fn cells(frames: &[&ArrayView], k: usize) -> Cells {
-    fn column<const N: usize, T>(frames: &[&ArrayView], k: usize, read: fn([u8; N]) -> T) -> Vec<T> {
-        frames.iter().filter_map(|f| f.bytes.as_chunks::<N>().0.get(k).map(|b| read(*b))).collect()
+fn push_numbers<'c>(view: &ArrayView, cells: &mut Vec<Cell<'c>>) {
+    fn each<'c, const N: usize>(bytes: &[u8], cell: fn([u8; N]) -> Cell<'c>) -> impl Iterator<Item = Cell<'c>> {
+        bytes.as_chunks::<N>().0.iter().map(move |b| cell(*b))
     }
-    match frames.first().map_or(DType::F64, |f| f.dtype) {
-        DType::F64 => Cells::F64(column(frames, k, f64::from_ne_bytes)),
-        DType::F32 => Cells::F32(column(frames, k, f32::from_ne_bytes)),
-        DType::I64 => Cells::Int(column(frames, k, i64::from_ne_bytes)),
-        DType::U32 => Cells::Int(column(frames, k, |b| i64::from(u32::from_ne_bytes(b)))),
-        DType::U8 => Cells::Int(column(frames, k, |b: [u8; 1]| i64::from(b[0]))),
+    let bytes = view.bytes;
+    match view.dtype {
+        DType::F64 => cells.extend(each(bytes, |b| Cell::F64(f64::from_ne_bytes(b)))),
+        DType::F32 => cells.extend(each(bytes, |b| Cell::F32(f32::from_ne_bytes(b)))),
+        DType::I64 => cells.extend(each(bytes, |b| Cell::Int(i64::from_ne_bytes(b)))),
+        DType::U32 => cells.extend(each(bytes, |b| Cell::Int(i64::from(u32::from_ne_bytes(b))))),
+        DType::U8 => cells.extend(each(bytes, |b: [u8; 1]| Cell::Int(i64::from(b[0])))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::counted::{clock, counted};
+    use pegbar_engine::node::Cancel;
+    use pegbar_engine::setting::{Place, Setting};
+    use pegbar_engine::value::{Curve, Vector};
+
+    #[test]
+    fn one_value_is_held_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = OutputPath::parse("\"table.csv\"").unwrap().bind(&Place { out: folder.path().to_owned(), ..Place::default() });
+        let (curve, curves) = counted(3, |k| Curve { value: k as f64 });
+        let (vector, vectors) = counted(3, |k| Vector { values: vec![k as f64, 0.5] });
+        let node = IoWriteTable { values: List(vec![curve, vector]), path, names: Vec::new(), units: Vec::new() };
+        let (clock, cancel) = (clock(3), Cancel::default());
+        node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &cancel }).unwrap();
+        let text = std::fs::read_to_string(folder.path().join("table.csv")).unwrap();
+        assert_eq!(text, "frame,curve,vector[0],vector[1]\r\n1,0,0,0.5\r\n2,1,1,0.5\r\n3,2,2,0.5\r\n");
+        assert_eq!((curves.peak(), vectors.peak()), (1, 1));
     }
 }
