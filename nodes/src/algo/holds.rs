@@ -47,20 +47,72 @@ pub fn block_means(picture: Raster) -> Vec<f32> {
     sums
 }
 
-/// For each frame the frame whose drawing it shows: the first of its hold. `means` are those of [`block_means`], one list a frame, all of one length.
+/// Finds holds as frames come, of each pair of neighbours keeping two numbers.
 ///
 /// The grain is the median absolute difference of neighbouring frames' block means, taken over the pairs that differ least; a pair shows
-/// a new drawing where more than `min_area` of the blocks differ by more than `sensitivity` of its extreme. O(frames × blocks).
-pub fn find_holds(means: &[Vec<f32>], options: Options) -> Vec<usize> {
-    let pairs: Vec<Vec<f32>> = means.windows(2).map(|p| difference(&p[0], &p[1])).collect();
-    // In any footage the stillest pair, or the stillest blocks of it, show grain alone.
-    let grain = pairs.iter().map(|d| median(d.clone())).fold(f32::INFINITY, f32::min).max(LEAST_GRAIN / BLOCK as f32);
-    let mut holds = Vec::with_capacity(means.len());
-    for frame in 0..means.len() {
-        let held = frame > 0 && !is_new(&pairs[frame - 1], grain, options);
-        holds.push(if held { holds[frame - 1] } else { frame });
+/// a new drawing where more than `min_area` of the blocks differ by more than `sensitivity` of its extreme.
+#[derive(Clone, Debug)]
+pub struct Finder {
+    options: Options,
+    before: Option<Vec<f32>>,
+    pairs: Vec<Pair>,
+}
+
+/// How two neighbouring frames differ.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    /// The median of their blocks' differences.
+    median: f32,
+    /// The largest difference that so many blocks reach that they are a new drawing: the pair is one where this is beyond the threshold, which is
+    /// known once all pairs are.
+    decisive: f32,
+}
+
+impl Finder {
+    /// Before the first frame.
+    pub fn new(options: Options) -> Self {
+        Self { options, before: None, pairs: Vec::new() }
     }
-    holds
+
+    /// The next frame's [`block_means`], as many at every frame. O(blocks).
+    pub fn push(&mut self, means: Vec<f32>) {
+        if let Some(before) = self.before.replace(means)
+            && let Some(now) = &self.before
+        {
+            self.pairs.push(Pair::new(difference(&before, now), self.options.min_area));
+        }
+    }
+
+    /// For each frame the frame whose drawing it shows: the first of its hold. O(frames).
+    pub fn finish(self) -> Vec<usize> {
+        // In any footage the stillest pair, or the stillest blocks of it, show grain alone.
+        let grain = self.pairs.iter().map(|p| p.median).fold(f32::INFINITY, f32::min).max(LEAST_GRAIN / BLOCK as f32);
+        // At the default of 3 a normal deviate is beyond this (five standard deviations) once in two million.
+        let threshold = grain * 2.5 * self.options.sensitivity as f32;
+        let mut holds: Vec<usize> = self.before.iter().map(|_| 0).collect();
+        for (k, pair) in self.pairs.iter().enumerate() {
+            let is_new = pair.decisive.is_nan() || pair.decisive > threshold;
+            holds.push(if is_new { k + 1 } else { holds[k] });
+        }
+        holds
+    }
+}
+
+impl Pair {
+    fn new(mut difference: Vec<f32>, min_area: f64) -> Self {
+        let most_held = (min_area * difference.len() as f64).max(1.0) as usize;
+        let median = kth(&mut difference, |n| n / 2).unwrap_or(0.0);
+        // The number of blocks that are beyond a threshold is more than `most_held` where that many but one are at least as large as this. A
+        // difference that is no number stands above all others.
+        let decisive = kth(&mut difference, |n| n.checked_sub(most_held + 1).unwrap_or(n)).unwrap_or(f32::NEG_INFINITY);
+        Self { median, decisive }
+    }
+}
+
+/// The value that would stand at the position `at(len)` in rising order; `None` past the end.
+fn kth(values: &mut [f32], at: impl FnOnce(usize) -> usize) -> Option<f32> {
+    let at = at(values.len());
+    (at < values.len()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
 fn difference(a: &[f32], b: &[f32]) -> Vec<f32> {
@@ -70,24 +122,33 @@ fn difference(a: &[f32], b: &[f32]) -> Vec<f32> {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect()
 }
 
-fn median(mut values: Vec<f32>) -> f32 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
-}
-
-fn is_new(difference: &[f32], grain: f32, options: Options) -> bool {
-    // At the default of 3 a normal deviate is beyond this (five standard deviations) once in two million.
-    let threshold = grain * 2.5 * options.sensitivity as f32;
-    let changed = difference.iter().filter(|d| d.is_nan() || **d > threshold).count();
-    changed as f64 > (options.min_area * difference.len() as f64).max(1.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    fn find_holds(means: &[Vec<f32>], options: Options) -> Vec<usize> {
+        let mut finder = Finder::new(options);
+        means.iter().for_each(|m| finder.push(m.clone()));
+        finder.finish()
+    }
+
+    /// The same from all frames at once, as the definition reads.
+    fn defined(means: &[Vec<f32>], options: Options) -> Vec<usize> {
+        let pairs: Vec<Vec<f32>> = means.windows(2).map(|p| difference(&p[0], &p[1])).collect();
+        let median = |d: &Vec<f32>| kth(&mut d.clone(), |n| n / 2).unwrap_or(0.0);
+        let grain = pairs.iter().map(median).fold(f32::INFINITY, f32::min).max(LEAST_GRAIN / BLOCK as f32);
+        let threshold = grain * 2.5 * options.sensitivity as f32;
+        let mut holds = Vec::new();
+        for frame in 0..means.len() {
+            let is_new = |d: &Vec<f32>| {
+                let changed = d.iter().filter(|d| d.is_nan() || **d > threshold).count();
+                changed as f64 > (options.min_area * d.len() as f64).max(1.0)
+            };
+            holds.push(if frame == 0 || is_new(&pairs[frame - 1]) { frame } else { holds[frame - 1] });
+        }
+        holds
+    }
 
     /// A small disc on a gradient, its centre moving every `step` frames by a pixel and a half, with grain of a standard deviation.
     fn clip(step: usize, sigma: f32, frames: usize) -> Vec<Vec<f32>> {
@@ -124,6 +185,28 @@ mod tests {
                 assert_eq!(holds, truth, "on {step}s with grain {sigma}/255");
             }
         }
+    }
+
+    proptest! {
+        #[test]
+        fn two_numbers_a_pair_decide_as_all_blocks_do(
+            frames in (0usize..40).prop_flat_map(|n| {
+                // Few values, so that ties with the threshold happen.
+                let value = prop_oneof![8 => Just(0.0f32), 4 => 0.0f32..0.01, 4 => 0.0f32..1.0, 1 => Just(f32::NAN), 1 => Just(f32::INFINITY)];
+                proptest::collection::vec(proptest::collection::vec(value, n), 0..8)
+            }),
+            sensitivity in 1.0..100.0f64,
+            min_area in prop_oneof![Just(0.0), Just(1.0), Just(0.25), 0.0..1.0f64],
+        ) {
+            let options = Options { sensitivity, min_area };
+            prop_assert_eq!(find_holds(&frames, options), defined(&frames, options));
+        }
+    }
+
+    #[test]
+    fn frames_of_other_sizes_are_new_drawings_or_none() {
+        let frames = [vec![0.5; 4], vec![0.5; 9], vec![0.5; 9]];
+        assert_eq!(find_holds(&frames, Options::default()), defined(&frames, Options::default()));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //!
 //! **Fails when** nothing in the footage is ever still: with a moving camera every frame is a drawing of its own.
 //!
-//! **Cost** O(samples) a frame.
+//! **Cost** O(samples) a frame; one frame is in memory.
 //!
 //! ```ron
 //! "holds": (type: "time.find_holds", image: "@plate"),
@@ -16,7 +16,7 @@ use pegbar_engine::node::{Context, NodeError, Sequence, Stream, Whole};
 use pegbar_engine::value::{Curve, TimeMap};
 use pegbar_engine::{Node, Outputs};
 
-use crate::algo::holds::{Options, block_means, find_holds};
+use crate::algo::holds::{Finder, Options, block_means};
 use crate::data::Image;
 
 /// Which film frames show one drawing.
@@ -53,12 +53,12 @@ pub(crate) struct TimeFindHoldsOutputs {
 
 impl Whole for TimeFindHolds {
     fn run(self, cx: &Context) -> Result<TimeFindHoldsOutputs, NodeError> {
-        let mut means = Vec::with_capacity(self.image.len());
+        let mut finder = Finder::new(Options { sensitivity: self.sensitivity, min_area: self.min_area });
         for k in 0..self.image.len() {
             cx.check()?;
-            means.push(block_means(self.image.get(k)?.in_display()?.raster()));
+            finder.push(block_means(self.image.get(k)?.in_display()?.raster()));
         }
-        let holds = find_holds(&means, Options { sensitivity: self.sensitivity, min_area: self.min_area });
+        let holds = finder.finish();
         let mut count = 0;
         let mut drawing = Vec::with_capacity(holds.len());
         for (k, &first) in holds.iter().enumerate() {
@@ -71,5 +71,22 @@ impl Whole for TimeFindHolds {
         let mut source_frames: Vec<f64> = holds.iter().map(|&k| (first + k as i64) as f64).collect();
         source_frames.resize(drawing.len(), first as f64);
         Ok(TimeFindHoldsOutputs { holds: TimeMap { source_frames }, drawing: Stream(drawing), count: Curve { value: count as f64 } })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::counted::{clock, counted};
+    use pegbar_engine::node::Cancel;
+
+    #[test]
+    fn one_frame_is_held_at_a_time_and_read_once() {
+        let (image, count) = counted(12, |k| Image::new(32, 32, 1, vec![(k / 2 % 2) as f32; 1024]).unwrap());
+        let clock = clock(12);
+        let cx = Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() };
+        let found = TimeFindHolds { image, sensitivity: 3.0, min_area: 0.0005 }.run(&cx).unwrap();
+        assert_eq!(found.count.value, 6.0);
+        assert_eq!((count.peak(), count.reads()), (1, 12));
     }
 }
