@@ -6,20 +6,24 @@
 //!
 //! **Fails when** the camera moves, or pictures and mattes have different sizes.
 //!
-//! **Cost** O(frames × pixels).
+//! **Cost** O(frames × pixels). Two frames are in memory, and 64 MiB of samples: footage of n samples a frame with its matte, each of which is read in
+//! as many passes as `frames` × n exceeds that.
 //!
 //! ```ron
 //! "clean": (type: "image.clean_plate", image: "@plate", matte: "@matte"),
 //! ```
 
 use std::cmp::Ordering;
-use std::sync::Arc;
+use std::ops::Range;
 
 use pegbar_engine::Node;
 use pegbar_engine::node::{Context, NodeError, Sequence, Whole};
 
 use super::Picture;
 use crate::data::{Image, Matte};
+
+/// Bytes of samples that are held at a time.
+const HELD: usize = 64 << 20;
 
 /// The ground of footage whose camera stands still, without the layer that moves in front.
 #[derive(Node)]
@@ -45,27 +49,17 @@ pub(crate) struct ImageCleanPlate {
 
 impl Whole for ImageCleanPlate {
     fn run(self, cx: &Context) -> Result<Picture, NodeError> {
-        let total = self.image.len();
-        let used = total.min(self.frames as usize);
-        let mut pictures = Vec::with_capacity(used);
-        let mut mattes = Vec::with_capacity(used);
-        for k in (0..used).map(|k| k * total / used) {
-            pictures.push(self.image.get(k)?);
-            mattes.push(self.matte.get(if self.matte.len() == 1 { 0 } else { k })?);
+        if self.image.is_empty() {
+            return Err(NodeError::input("expected at least one frame, found none"));
         }
-        let Some(first) = pictures.first().cloned() else { return Err(NodeError::input("expected at least one frame, found none")) };
-        for (picture, matte) in pictures.iter().zip(&mattes) {
-            let (w, h, c) = (first.width(), first.height(), first.n_channels());
-            if (picture.width(), picture.height(), picture.n_channels()) != (w, h, c) || (matte.width(), matte.height()) != (w, h) {
-                return Err(NodeError::input(format!("expected pictures and mattes of {w} x {h} throughout, found another size")));
-            }
-        }
+        let used = self.image.len().min(self.frames as usize);
+        let first = self.image.get(0)?;
+        // All frames of a few pixels at a time: a median needs every frame, but no frame as a whole.
+        let band = (HELD / (used * (first.n_channels() + 1) * size_of::<f32>())).max(1);
+        let pixels = first.width() * first.height();
         let mut samples = Vec::with_capacity(first.samples().len());
-        for row in 0..first.height() {
-            cx.check()?;
-            for pixel in row * first.width()..(row + 1) * first.width() {
-                self.push_pixel(&pictures, &mattes, pixel, &mut samples);
-            }
+        for start in (0..pixels).step_by(band) {
+            self.push_band(cx, used, &first, start..pixels.min(start + band), &mut samples)?;
         }
         let image = first.with_samples(samples).ok_or_else(|| NodeError::internal("a plate of another size than its footage"))?;
         Ok(Picture { image })
@@ -73,26 +67,46 @@ impl Whole for ImageCleanPlate {
 }
 
 impl ImageCleanPlate {
-    fn push_pixel(&self, pictures: &[Arc<Image>], mattes: &[Arc<Matte>], pixel: usize, samples: &mut Vec<f32>) {
-        let least = mattes.iter().map(|m| m.alpha()[pixel]).fold(f32::INFINITY, f32::min);
-        let limit = least.max(self.threshold as f32);
-        let channels = pictures[0].n_channels();
-        for c in 0..channels {
-            // A matte value that is no number covers nothing, so that some frame is always left.
-            let free = pictures.iter().zip(mattes).filter(|(_, m)| m.alpha()[pixel].partial_cmp(&limit) != Some(Ordering::Greater));
-            let mut values: Vec<f32> = free.map(|(p, _)| p.samples()[pixel * channels + c]).collect();
-            let middle = values.len() / 2;
-            samples.push(*values.select_nth_unstable_by(middle, f32::total_cmp).1);
+    /// The plate at a range of pixels, from `used` frames.
+    fn push_band(&self, cx: &Context, used: usize, first: &Image, band: Range<usize>, plate: &mut Vec<f32>) -> Result<(), NodeError> {
+        let (w, h, c) = (first.width(), first.height(), first.n_channels());
+        let mut samples = Vec::with_capacity(used * band.len() * c);
+        let mut alphas = Vec::with_capacity(used * band.len());
+        for k in (0..used).map(|k| k * self.image.len() / used) {
+            cx.check()?;
+            let picture = self.image.get(k)?;
+            let matte = self.matte.get(if self.matte.len() == 1 { 0 } else { k })?;
+            if (picture.width(), picture.height(), picture.n_channels()) != (w, h, c) || (matte.width(), matte.height()) != (w, h) {
+                return Err(NodeError::input(format!("expected pictures and mattes of {w} x {h} throughout, found another size")));
+            }
+            samples.extend_from_slice(&picture.samples()[band.start * c..band.end * c]);
+            alphas.extend_from_slice(&matte.alpha()[band.clone()]);
         }
+        let mut free = Vec::with_capacity(used);
+        for pixel in 0..band.len() {
+            let alpha = |k: usize| alphas[k * band.len() + pixel];
+            let limit = (0..used).map(alpha).fold(f32::INFINITY, f32::min).max(self.threshold as f32);
+            for channel in 0..c {
+                // A matte value that is no number covers nothing, so that some frame is always left.
+                let frames = (0..used).filter(|&k| alpha(k).partial_cmp(&limit) != Some(Ordering::Greater));
+                free.clear();
+                free.extend(frames.map(|k| samples[(k * band.len() + pixel) * c + channel]));
+                let middle = free.len() / 2;
+                plate.push(*free.select_nth_unstable_by(middle, f32::total_cmp).1);
+            }
+        }
+        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::counted::{clock, counted};
     use pegbar_engine::clock::Clock;
     use pegbar_engine::node::{Arg, Cancel, Input, SequenceRef};
     use pegbar_engine::value::ValueRef;
+    use std::sync::Arc;
 
     fn sequence<T: pegbar_engine::value::Value>(values: Vec<T>) -> Sequence<T> {
         let refs = values.into_iter().map(|v| Arc::new(v) as ValueRef).collect::<Vec<ValueRef>>();
@@ -120,5 +134,26 @@ mod tests {
             frames: 64,
         };
         assert_eq!(always.run(&cx).unwrap().image.samples(), [3.0, 0.2], "the frame that is covered least stands in");
+    }
+
+    #[test]
+    fn few_frames_are_held_however_many_are_read_and_bands_make_the_same_plate() {
+        // One frame is 1.6 MB with its matte, so that 90 are looked at in three bands; the row where one ends has the same median as all others.
+        let (width, height, frames) = (1000, 200, 90);
+        let value = |k: usize, pixel: usize| ((k * 37 + pixel * 11) % 101) as f32;
+        let (image, pictures) =
+            counted(frames, move |k| Image::new(width, height, 1, (0..width * height).map(|p| value(k, p)).collect()).unwrap());
+        let (matte, mattes) =
+            counted(frames, move |k| Matte::new(width, height, (0..width * height).map(|p| ((k + p) % 3) as f32).collect()).unwrap());
+        let (clock, cancel) = (clock(frames), Cancel::default());
+        let cx = Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &cancel };
+        let plate = ImageCleanPlate { image, matte, threshold: 0.02, frames: 1000 }.run(&cx).unwrap().image;
+        for (pixel, found) in plate.samples().iter().enumerate() {
+            let mut free: Vec<f32> = (0..frames).filter(|k| (k + pixel) % 3 == 0).map(|k| value(k, pixel)).collect();
+            free.sort_by(f32::total_cmp);
+            assert_eq!(*found, free[free.len() / 2], "pixel {pixel}");
+        }
+        // The first frame is held throughout, for its windows and channels.
+        assert_eq!((pictures.peak(), pictures.reads(), mattes.peak()), (2, 3 * frames + 1, 1));
     }
 }

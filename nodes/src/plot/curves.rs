@@ -7,7 +7,7 @@
 //! **Fails when** there is nothing to plot, or the picture is too small for its texts; the error says how large it must be. Where a value is not
 //! finite its line has a gap.
 //!
-//! **Cost** O(values + pixels × lines); all frames are in memory.
+//! **Cost** O(values + pixels × lines); one frame is in memory.
 //!
 //! ```ron
 //! "plot": (type: "plot.curves", curves: ["@track.motion", "@track.residual"], names: ["motion", "residual"]),
@@ -151,7 +151,7 @@ impl PlotCurves {
             cx.check()?;
             let name = self.names.get(i).map(String::as_str).filter(|n| !n.is_empty());
             let clock = sequence.clock().unwrap_or(cx.clock);
-            out.extend(groups(&sequence.gather()?, name)?.into_iter().map(|g| (g, clock)));
+            out.extend(groups(sequence, name)?.into_iter().map(|g| (g, clock)));
         }
         if out.is_empty() {
             return Err(NodeError::input("expected at least one curve, found none"));

@@ -1,7 +1,7 @@
 //! Values of any type as curves, gathered into groups that share an axis.
 
 use pegbar_engine::array::Data;
-use pegbar_engine::node::NodeError;
+use pegbar_engine::node::{AnySequence, NodeError};
 use pegbar_engine::value::{TimeMap, Value, ValueRef};
 
 use crate::data::Affine2;
@@ -21,24 +21,27 @@ pub(super) struct Group {
 }
 
 /// The curves of a sequence of values. `name` is the given one, if any.
-pub(super) fn groups(values: &[ValueRef], name: Option<&str>) -> Result<Vec<Group>, NodeError> {
-    let Some(first) = values.first() else { return Ok(Vec::new()) };
-    if first.type_name() == TimeMap::NAME && values.len() == 1 {
-        let curve = numbers(first)?;
+pub(super) fn groups(values: &AnySequence, name: Option<&str>) -> Result<Vec<Group>, NodeError> {
+    if values.is_empty() {
+        return Ok(Vec::new());
+    }
+    let ty = values.get(0)?.type_name();
+    if ty == TimeMap::NAME && values.len() == 1 {
+        let curve = numbers(&values.get(0)?)?;
         let label = name.unwrap_or("source frame").to_owned();
         return Ok(vec![Group { curves: vec![(label.clone(), curve)], label, spans: true }]);
     }
-    let rows = values.iter().map(numbers).collect::<Result<Vec<_>, _>>()?;
+    let rows = (0..values.len()).map(|k| numbers(&values.get(k)?)).collect::<Result<Vec<_>, _>>()?;
     let count = rows[0].len();
     if let Some(k) = rows.iter().position(|r| r.len() != count) {
         let found = format!("expected {count} numbers at every frame, found {} at position {k} of the sequence", rows[k].len());
-        return Err(NodeError::input(format!("{}: {found}", name.unwrap_or(first.type_name()))));
+        return Err(NodeError::input(format!("{}: {found}", name.unwrap_or(ty))));
     }
     let curve = |i: usize| rows.iter().map(|r| r[i]).collect::<Vec<f64>>();
-    if first.type_name() == Affine2::NAME && count == 6 {
+    if ty == Affine2::NAME && count == 6 {
         return Ok(affine(curve, name));
     }
-    let label = name.map_or_else(|| first.type_name().to_lowercase(), str::to_owned);
+    let label = name.map_or_else(|| ty.to_lowercase(), str::to_owned);
     let called = |i: usize| if count == 1 { label.clone() } else { format!("{label}[{i}]") };
     let curves = (0..count).map(|i| (called(i), curve(i))).collect();
     Ok(vec![Group { label, curves, spans: false }])

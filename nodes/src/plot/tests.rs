@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use pegbar_engine::clock::Clock;
-use pegbar_engine::node::{Arg, Cancel, Context, Node, NodeError, PerFrame, SequenceRef, Whole};
+use pegbar_engine::node::{AnySequence, Arg, Cancel, Context, Input, Node, NodeError, PerFrame, SequenceRef, Whole};
 use pegbar_engine::setting::{Place, Setting};
 use pegbar_engine::value::{Curve, TimeMap, ValueRef, Vector};
 
 use super::curves::PlotCurves;
-use super::gather::groups;
+use super::gather::{Group, groups};
 use super::playhead::PlotPlayhead;
+use crate::counted::counted;
 use crate::data::{Affine2, Image};
 use crate::render::tests::{load, pictures};
 
@@ -20,6 +21,10 @@ fn clock(last: i64, fps: u32) -> Clock {
 fn curve(fps: u32, values: &[f64]) -> SequenceRef {
     let values: Vec<ValueRef> = values.iter().map(|&value| Arc::new(Curve { value }) as ValueRef).collect();
     SequenceRef::new(Some(Arc::new(clock(values.len() as i64, fps))), values)
+}
+
+fn gathered(values: Vec<ValueRef>, name: Option<&str>) -> Result<Vec<Group>, NodeError> {
+    groups(&AnySequence::from_arg(Arg::Sequence(SequenceRef::new(None, values)))?, name)
 }
 
 /// The arguments of a node: its defaults, but for those that are given.
@@ -63,29 +68,37 @@ fn context<'a>(clock: &'a Clock, frame: i64, cancel: &'a Cancel) -> Context<'a> 
 }
 
 #[test]
+fn one_frame_is_gathered_at_a_time() {
+    let (values, count) = counted::<_, AnySequence>(9, |k| Vector { values: vec![k as f64, 1.0] });
+    let found = groups(&values, None).unwrap();
+    assert_eq!(found[0].curves[0].1, (0..9).map(f64::from).collect::<Vec<_>>());
+    assert_eq!(count.peak(), 1);
+}
+
+#[test]
 fn a_motion_is_six_curves_in_two_units() {
     let motion = |k: f64| Arc::new(Affine2 { matrix: [[1.0 + k, 2.0, 5.0], [3.0, 4.0, 6.0 * k]] }) as ValueRef;
-    let found = groups(&[motion(0.0), motion(1.0)], None).unwrap();
+    let found = gathered(vec![motion(0.0), motion(1.0)], None).unwrap();
     let names: Vec<(&str, Vec<&str>)> = found.iter().map(|g| (g.label.as_str(), g.curves.iter().map(|c| c.0.as_str()).collect())).collect();
     assert_eq!(names, [("linear part", vec!["a1", "a2", "a3", "a4"]), ("translation, px", vec!["dx", "dy"])]);
     let values: Vec<Vec<f64>> = found.into_iter().flat_map(|g| g.curves.into_iter().map(|c| c.1)).collect();
     assert_eq!(values, [[1.0, 2.0], [2.0, 2.0], [3.0, 3.0], [4.0, 4.0], [5.0, 5.0], [0.0, 6.0]]);
-    assert_eq!(groups(&[motion(0.0)], Some("hand")).unwrap()[1].curves[0].0, "hand dx");
+    assert_eq!(gathered(vec![motion(0.0)], Some("hand")).unwrap()[1].curves[0].0, "hand dx");
 }
 
 #[test]
 fn vectors_and_time_maps_are_curves_too() {
     let vector = |v: &[f64]| Arc::new(Vector { values: v.to_vec() }) as ValueRef;
-    let found = groups(&[vector(&[1.0, 2.0]), vector(&[3.0, 4.0])], Some("key")).unwrap();
+    let found = gathered(vec![vector(&[1.0, 2.0]), vector(&[3.0, 4.0])], Some("key")).unwrap();
     assert_eq!(found[0].curves, [("key[0]".to_owned(), vec![1.0, 3.0]), ("key[1]".to_owned(), vec![2.0, 4.0])]);
     let map = Arc::new(TimeMap { source_frames: (0..200).map(f64::from).collect() }) as ValueRef;
-    let found = groups(&[map], None).unwrap();
+    let found = gathered(vec![map], None).unwrap();
     assert!(found[0].spans && found[0].curves[0].1.len() == 200);
-    let error = groups(&[vector(&[1.0, 2.0]), vector(&[3.0])], Some("key")).unwrap_err();
+    let error = gathered(vec![vector(&[1.0, 2.0]), vector(&[3.0])], Some("key")).unwrap_err();
     assert_eq!(error.message, "key: expected 2 numbers at every frame, found 1 at position 1 of the sequence");
-    let error = groups(&[vector(&[0.0; 65])], None).unwrap_err();
+    let error = gathered(vec![vector(&[0.0; 65])], None).unwrap_err();
     assert_eq!(error.message, "expected values of 1 to 64 numbers, found Vector of 65");
-    assert!(groups(&[vector(&[])], None).is_err());
+    assert!(gathered(vec![vector(&[])], None).is_err());
 }
 
 #[test]

@@ -6,13 +6,11 @@
 //!
 //! **Fails when** a frame is asked for that the footage does not have; the error names it.
 //!
-//! **Cost** O(samples of the frames that are shown); all frames are in memory.
+//! **Cost** O(samples of the frames that are shown); one of them is in memory, and the sheet.
 //!
 //! ```ron
 //! "sheet": (type: "render.strip", images: ["@plate", "@overlay"], labels: ["footage", "tracked"], count: 6),
 //! ```
-
-use std::sync::Arc;
 
 use kurbo::Affine;
 use pegbar_engine::Node;
@@ -66,8 +64,10 @@ pub(crate) struct RenderStrip {
 }
 
 /// One row of pictures, all scaled to the shape of the first.
-struct Row {
-    images: Vec<Arc<Image>>,
+struct Row<'a> {
+    images: &'a Sequence<Image>,
+    /// Where the frames that are shown stand in it.
+    shown: Vec<usize>,
     top: usize,
     height: usize,
 }
@@ -79,15 +79,12 @@ fn spaced(first: i64, last: i64, count: i64) -> Vec<i64> {
     (0..=steps).map(at).collect()
 }
 
-fn at(sequence: &Sequence<Image>, frame: i64) -> Result<Arc<Image>, NodeError> {
-    let Some(clock) = sequence.clock() else { return sequence.get(0) };
-    match clock.index(frame) {
-        Some(k) => sequence.get(k),
-        None => {
-            let found = format!("expected frames {} to {}, found {frame}", clock.first, clock.last);
-            Err(NodeError::new(Fault::Parameters, found).help("change `frames`, or leave it out"))
-        }
-    }
+fn position(sequence: &Sequence<Image>, frame: i64) -> Result<usize, NodeError> {
+    let Some(clock) = sequence.clock() else { return Ok(0) };
+    clock.index(frame).ok_or_else(|| {
+        let found = format!("expected frames {} to {}, found {frame}", clock.first, clock.last);
+        NodeError::new(Fault::Parameters, found).help("change `frames`, or leave it out")
+    })
 }
 
 impl RenderStrip {
@@ -102,17 +99,17 @@ impl RenderStrip {
         }
     }
 
-    fn rows(&self, frames: &[i64], top: usize, width: usize, gap: usize) -> Result<Vec<Row>, NodeError> {
+    fn rows(&self, frames: &[i64], top: usize, width: usize, gap: usize) -> Result<Vec<Row<'_>>, NodeError> {
         let mut rows: Vec<Row> = Vec::new();
-        for sequence in &self.images.0 {
-            let images = frames.iter().map(|&f| at(sequence, f)).collect::<Result<Vec<_>, _>>()?;
-            let shape = images.first().map(|i| i.display_window()).unwrap_or_default();
+        for images in &self.images.0 {
+            let shown = frames.iter().map(|&f| position(images, f)).collect::<Result<Vec<_>, _>>()?;
+            let shape = shown.first().map(|&k| images.get(k)).transpose()?.map(|i| i.display_window()).unwrap_or_default();
             if shape.is_empty() {
                 return Err(NodeError::input(format!("expected pictures, found one of {} x {} pixels", shape.width, shape.height)));
             }
             let height = libm::round(width as f64 * shape.height as f64 / shape.width as f64).clamp(1.0, 65536.0) as usize;
             let top = rows.last().map_or(top, |r| r.top + r.height + gap);
-            rows.push(Row { images, top, height });
+            rows.push(Row { images, shown, top, height });
         }
         Ok(rows)
     }
@@ -172,9 +169,9 @@ impl Whole for RenderStrip {
         let ground = screen(self.background);
         sheet.chunks_exact_mut(4).for_each(|p| p.copy_from_slice(&ground));
         for row in &rows {
-            for (i, image) in row.images.iter().enumerate() {
+            for (i, &k) in row.shown.iter().enumerate() {
                 cx.check()?;
-                lay(image, [width, row.height], &mut sheet, window.width, [left + i * (width + gap), row.top])?;
+                lay(row.images.get(k)?.as_ref(), [width, row.height], &mut sheet, window.width, [left + i * (width + gap), row.top])?;
             }
         }
         let mut canvas = Canvas::new(&mut sheet, window.width, window.height).map_err(|e| NodeError::internal(e.to_string()))?;
@@ -193,6 +190,8 @@ impl Whole for RenderStrip {
 mod tests {
     use super::super::tests::{load, pictures};
     use super::*;
+    use crate::counted::{clock, counted};
+    use pegbar_engine::node::Cancel;
 
     #[test]
     fn frames_are_spread_from_the_first_to_the_last() {
@@ -262,6 +261,28 @@ mod tests {
         let row = &sheets[0].samples()[15 * 160 * 4..16 * 160 * 4];
         let dark: Vec<usize> = row.chunks_exact(4).enumerate().filter(|(_, p)| p[1] < 0.5).map(|(x, _)| x).collect();
         assert_eq!(dark, [39, 40, 80 + 19, 80 + 20]);
+    }
+
+    #[test]
+    fn one_frame_is_held_at_a_time_and_those_that_are_not_shown_are_not_read() {
+        let (images, count) = counted(100, |k| Image::new(4, 2, 1, vec![k as f32; 8]).unwrap());
+        let node = RenderStrip {
+            images: List(vec![images]),
+            frames: vec![3, 50, 98],
+            count: 6,
+            width: 4,
+            gap: 0,
+            labels: Vec::new(),
+            numbers: false,
+            background: [1.0; 3],
+            text_size: 9.0,
+        };
+        let (clock, cancel) = (clock(100), Cancel::default());
+        let cx = Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &cancel };
+        let sheet = node.run(&cx).unwrap().image;
+        assert_eq!([0, 4, 8].map(|x| sheet.samples()[x * 4].round()), [2.0, 49.0, 97.0]);
+        // The first is read once more, for its shape.
+        assert_eq!((count.peak(), count.reads()), (1, 4));
     }
 
     #[test]
