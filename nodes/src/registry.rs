@@ -7,7 +7,7 @@ use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
-    ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
+    ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::{MatteColorClusters, MatteFromImage};
@@ -54,6 +54,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ImageResize>()
         .per_frame::<ImageSharpen>()
         .per_frame::<ImageShuffle>()
+        .per_frame::<ImageStatistics>()
         .per_frame::<ImageTransform>()
         .per_frame::<ImageUnpremultiply>()
         .per_frame::<ImageWarpAffine>()

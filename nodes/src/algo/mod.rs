@@ -13,6 +13,7 @@ pub mod merge;
 pub mod paint;
 pub mod plot;
 pub mod raster;
+pub mod statistics;
 pub mod table;
 pub mod track_affine;
 pub mod warp_affine;
