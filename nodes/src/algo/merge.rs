@@ -4,6 +4,7 @@
 //! (Nuke reference guide, Merge operations) for the rest. A, a are a channel and the alpha of the foreground; B, b those of the background.
 //! Outside its data window a picture is zero in every channel.
 
+use super::raster::Raster;
 use super::warp_affine::Source;
 use super::window::Window;
 
@@ -242,6 +243,31 @@ pub fn merge_in_place(
     check(foreground, channels, options, background.len(), window)?;
     for (j, row) in background.chunks_exact_mut((window.width * channels).max(1)).enumerate() {
         merge_row(foreground, options, window.y.saturating_add(j as i64), window, (0, window.width), row);
+    }
+    Ok(())
+}
+
+/// Merges `foreground`, which holds `window`, with `background` into itself: what the background has outside is cut off.
+///
+/// Errors and cost as [`merge`].
+pub fn merge_into_foreground(
+    foreground: &mut [f32],
+    background: Source<'_>,
+    options: MergeOptions,
+    window: Window,
+) -> Result<(), MergeError> {
+    let channels = background.raster.channels;
+    let whole = Raster { data: foreground, width: window.width, height: window.height, channels };
+    check(Source::new(whole, [window.x, window.y]), channels, options, foreground.len(), window)?;
+    let len = (window.width * channels).max(1);
+    let mut merged = vec![0.0; window.width * channels];
+    for (j, row) in foreground.chunks_exact_mut(len).enumerate() {
+        let y = window.y.saturating_add(j as i64);
+        let raster = Raster { data: row, width: window.width, height: 1, channels };
+        let own = Source::new(raster, [window.x, y]);
+        let covered = place(background, y, window, &mut merged);
+        merge_row(own, options, y, window, covered, &mut merged);
+        row.copy_from_slice(&merged);
     }
     Ok(())
 }

@@ -13,8 +13,9 @@ use std::sync::Arc;
 use pegbar_engine::Outputs;
 use pegbar_engine::node::{Fault, In, NodeError};
 
-use crate::algo::merge::{MergeError, MergeOptions, Operation, merge, merge_in_place};
+use crate::algo::merge::{MergeError, MergeOptions, Operation, merge, merge_in_place, merge_into_foreground};
 use crate::algo::warp_affine::Source;
+use crate::algo::window::Window;
 use crate::data::{Image, LARGEST};
 
 /// The merged picture.
@@ -64,18 +65,27 @@ fn merged(fg: In<Image>, bg: In<Image>, operation: Operation, opacity: f64) -> R
     let channels = common_channels(&fg, &bg);
     let (fg, bg) = (in_channels(fg, channels)?, in_channels(bg, channels)?);
     let options = MergeOptions { operation, opacity: opacity as f32, alpha: Some(channels - 1) };
-    let source = |i: &Image| [i.data_window().x, i.data_window().y];
-    let foreground = Source::new(fg.raster(), source(&fg));
     let (own, display) = (bg.data_window(), bg.display_window());
     let window = operation.bounds(fg.data_window(), own, options.opacity).intersect(&display.union(&own));
     let refused = |e: MergeError| NodeError::input(e.to_string());
+    let made = |samples| {
+        let image = Image::new(window.width, window.height, channels, samples);
+        let image = image.ok_or_else(|| NodeError::internal("a picture of another size than its window"))?;
+        Ok(Merged { image: image.with_windows(window, display) })
+    };
     // What covers the same window can be merged into, where nobody else reads it.
-    let bg = match Arc::try_unwrap(bg) {
-        Ok(mut image) if window == own => {
-            merge_in_place(foreground, image.samples_mut(), channels, own, options).map_err(refused)?;
-            return Ok(Merged { image });
+    let bg = match alone(bg, window) {
+        Ok(mut samples) => {
+            merge_in_place(source(&fg), &mut samples, channels, window, options).map_err(refused)?;
+            return made(samples);
         }
-        Ok(image) => Arc::new(image),
+        Err(shared) => shared,
+    };
+    let fg = match alone(fg, window) {
+        Ok(mut samples) => {
+            merge_into_foreground(&mut samples, source(&bg), options, window).map_err(refused)?;
+            return made(samples);
+        }
         Err(shared) => shared,
     };
     let len = window.samples(channels).filter(|n| *n <= LARGEST).ok_or_else(|| {
@@ -83,16 +93,28 @@ fn merged(fg: In<Image>, bg: In<Image>, operation: Operation, opacity: f64) -> R
         NodeError::new(Fault::Limit, message)
     })?;
     let mut samples = vec![0.0; len];
-    merge(foreground, Source::new(bg.raster(), source(&bg)), options, &mut samples, window).map_err(refused)?;
-    let image = Image::new(window.width, window.height, channels, samples)
-        .ok_or_else(|| NodeError::internal("a picture of another size than its window"))?;
-    Ok(Merged { image: image.with_windows(window, display) })
+    merge(source(&fg), source(&bg), options, &mut samples, window).map_err(refused)?;
+    made(samples)
+}
+
+fn source(image: &Image) -> Source<'_> {
+    let own = image.data_window();
+    Source::new(image.raster(), [own.x, own.y])
+}
+
+/// The samples of a picture that covers `window` and that nobody else reads; else the picture.
+fn alone(image: Arc<Image>, window: Window) -> Result<Vec<f32>, Arc<Image>> {
+    match Arc::try_unwrap(image) {
+        Ok(image) if image.data_window() == window => Ok(image.into_samples()),
+        Ok(image) => Err(Arc::new(image)),
+        Err(shared) => Err(shared),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::algo::window::Window;
+    use pegbar_engine::node::{Arg, Input};
 
     fn flat(width: usize, height: usize, pixel: &[f32]) -> Image {
         Image::new(width, height, pixel.len(), pixel.repeat(width * height)).unwrap()
@@ -113,6 +135,25 @@ mod tests {
         let white = out.image.samples().chunks_exact(4).position(|p| p == [1.0; 4]);
         assert_eq!(white, Some(6));
         assert_eq!(out.image.samples().iter().filter(|v| **v == 0.25).count(), 28);
+    }
+
+    #[test]
+    fn what_is_merged_into_does_not_show() {
+        let wave =
+            |w: usize, h: usize, seed: f32| Image::new(w, h, 4, (0..w * h * 4).map(|i| libm::sinf(i as f32 * seed)).collect()).unwrap();
+        let shared = |image: &Arc<Image>| <In<Image>>::from_arg(Arg::Value(image.clone())).unwrap();
+        let pairs = [
+            (wave(5, 4, 0.7), wave(5, 4, 1.3)),
+            (wave(5, 4, 0.7), wave(3, 2, 1.3).with_windows(Window::new(1, 1, 3, 2), Window::at_origin(5, 4))),
+            (wave(2, 3, 0.7).with_windows(Window::new(-1, 2, 2, 3), Window::at_origin(5, 4)), wave(5, 4, 1.3)),
+        ];
+        for (operation, (fg, bg)) in Operation::ALL.into_iter().flat_map(|o| pairs.iter().map(move |p| (o, p))) {
+            let (fg, bg) = (Arc::new(fg.clone()), Arc::new(bg.clone()));
+            let own = |image: &Arc<Image>| In::new(Image::clone(image));
+            let neither = merged(shared(&fg), shared(&bg), operation, 0.75).unwrap().image;
+            assert_eq!(merged(own(&fg), shared(&bg), operation, 0.75).unwrap().image, neither, "{operation:?} into the foreground");
+            assert_eq!(merged(shared(&fg), own(&bg), operation, 0.75).unwrap().image, neither, "{operation:?} into the background");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `comp.over`: lays one picture over another.
 //!
-//! **Method** premultiplied over, A + B (1 - a), see [`crate::algo::merge`]; in place where nobody else reads the background.
+//! **Method** premultiplied over, A + B (1 - a), see [`crate::algo::merge`]; in place where nobody else reads the background, or the foreground.
 //!
 //! **Source** T. Porter, T. Duff, *Compositing Digital Images*, 1984.
 //!
