@@ -4,8 +4,9 @@
 //!   graphs of 10,000 nodes that C++ task graphs are compared by: layers of 100 with 3 random predecessors each, one to many to one, and a chain.
 //! - `filters`: a chain of five point filters over frames of three float planes; the rate is in frames. The filters are those of a usual chain in
 //!   VapourSynth: `Invert`, `Levels(0, 1, 0.05, 0.95)`, `Expr("x 0.9 *")`, `Limiter(0, 1)`, `Invert`, over one still clip that is made once.
+//! - `keys`: the keys of all tasks of a plan.
 //!
-//! Each measurement plans and runs; reading and checking the graph is not in it.
+//! Tasks and filters are planned and run each time; reading and checking the graph is not in it.
 
 use std::fmt::Write;
 use std::hint::black_box;
@@ -17,9 +18,12 @@ use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterio
 use pegbar_engine::array::NdArray;
 use pegbar_engine::check::{LoadOptions, load_text};
 use pegbar_engine::exec::{Options, execute};
+use pegbar_engine::graph::Graph;
+use pegbar_engine::key::Keys;
 use pegbar_engine::node::{Context, In, List, NodeError, PerFrame};
-use pegbar_engine::plan::Target;
+use pegbar_engine::plan::{Known, Planned, Target, plan};
 use pegbar_engine::registry::Registry;
+use pegbar_engine::stamp::Files;
 use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs, Value};
 
@@ -154,18 +158,23 @@ fn registry() -> Registry {
     numbers.per_frame::<Blank>().per_frame::<First>().per_frame::<Invert>().per_frame::<Levels>().per_frame::<Scale>().per_frame::<Limit>()
 }
 
-/// Runs the last of `nodes` over so many frames.
-fn measure(group: &mut BenchmarkGroup<WallTime>, name: &str, nodes: &[String], frames: usize, elements: usize) {
+/// These nodes, called n0, n1 and so on, over so many frames.
+fn graph_of(name: &str, nodes: &[String], frames: usize) -> Option<Graph> {
     let named: String = nodes.iter().enumerate().fold(String::new(), |mut text, (i, node)| {
         let _ = write!(text, "\"n{i}\": ({node}), ");
         text
     });
     let text = format!("Graph(pegbar: 1, frames: (first: 1, last: {frames}, fps: 24), nodes: {{ {named} }})");
     let loaded = load_text(Path::new("bench.ron"), &text, &registry(), &LoadOptions::default());
-    let Some(graph) = loaded.graph else {
+    if loaded.graph.is_none() {
         eprintln!("{name}: expected a sound graph, found {} problems", loaded.diagnostics.len());
-        return;
-    };
+    }
+    loaded.graph
+}
+
+/// Runs the last of `nodes` over so many frames.
+fn measure(group: &mut BenchmarkGroup<WallTime>, name: &str, nodes: &[String], frames: usize, elements: usize) {
+    let Some(graph) = graph_of(name, nodes, frames) else { return };
     let target = Target { node: nodes.len() - 1, frames: None };
     let run = || execute(&graph, std::slice::from_ref(&target), &[], &options()).is_ok_and(|r| r.is_complete());
     assert!(run(), "{name}: expected a complete run");
@@ -230,5 +239,17 @@ fn filters(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, tasks, filters);
+fn keys(criterion: &mut Criterion) {
+    let Some(graph) = graph_of("keys", &chain(1_000), 1_000) else { return };
+    let Ok(Planned::Ready(plan)) = plan(&graph, &[Target { node: 999, frames: None }], &[], Known::new()) else { return };
+    let mut group = criterion.benchmark_group("keys");
+    group.throughput(Throughput::Elements(1_000_000));
+    group.sample_size(10);
+    group.bench_function("keys of 1,000,000 tasks", |b| {
+        b.iter(|| Keys::of(&graph, &plan, &Files::new(None)).map(|k| k.task(999, 999).copied()))
+    });
+    group.finish();
+}
+
+criterion_group!(benches, tasks, filters, keys);
 criterion_main!(benches);
