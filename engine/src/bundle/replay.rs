@@ -139,7 +139,7 @@ impl Bundle {
                 OutValue::Stream(values) => {
                     let frames: Vec<i64> = self.record.clock.frames().collect();
                     let whole = path(String::new());
-                    match atomic::write(&whole, |to| npz::write_stream(&frames, values, false, to)) {
+                    match atomic::write(&whole, |to| npz::write_stream(&frames, |idx| Ok(values[idx].clone()), false, to)) {
                         Ok(()) => files.push(whole),
                         Err(WriteError::Contents { source: NpzError::Uneven { .. }, .. }) => {
                             for (frame, value) in frames.iter().zip(values) {
