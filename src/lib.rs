@@ -16,8 +16,8 @@ mod progress;
 mod replay;
 mod run;
 mod summary;
-mod why;
 mod trace;
+mod why;
 
 use std::ffi::OsString;
 

@@ -6,6 +6,7 @@ use crate::clock::Clock;
 use crate::diag::{FileId, Span};
 use crate::node::{Kind, Literal};
 use crate::registry::{NodeType, Types};
+use crate::setting::{FileUse, OutputPath};
 
 /// A graph in which every reference is resolved and every literal read.
 #[derive(Clone, Default)]
@@ -73,6 +74,15 @@ pub enum Binding {
 }
 
 impl GraphNode {
+    /// The paths that its settings say it writes.
+    pub fn written_paths(&self) -> impl Iterator<Item = OutputPath> + '_ {
+        let written = self.inputs.iter().zip(&self.ty.schema.inputs).filter(|(_, s)| s.files == FileUse::Write);
+        let path = |value: &Literal| {
+            value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten())
+        };
+        written.filter_map(move |(binding, _)| if let Binding::Literal { value, .. } = binding { path(value) } else { None })
+    }
+
     /// True for a node that runs once: over whole sequences, or for a value that does not change.
     pub fn runs_once(&self) -> bool {
         self.ty.schema.kind == Kind::Whole || !self.per_frame

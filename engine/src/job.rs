@@ -9,15 +9,13 @@ mod tap;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::diag::{Diagnostic, Label, Severity};
 use crate::exec::{Failure, Observer, Options, Report, execute};
-use crate::graph::{Binding, Graph, Port};
+use crate::graph::{Graph, Port};
 use crate::node::{Cancel, Kind, NodeError};
 use crate::plan::{PlanError, Target};
-use crate::setting::{FileUse, OutputPath};
 
 pub use frames::{FrameRange, FrameSet, FramesError, frame_ranges};
 use tap::Tap;
@@ -196,7 +194,7 @@ impl Job {
     /// Runs the graph. A failing node stops what hangs on it and nothing else.
     pub fn run(&self, threads: usize, cancel: &Cancel, observer: &dyn Observer) -> Outcome {
         let start = Instant::now();
-        let options = Options { threads, in_flight: 0, cancel: cancel.clone(), observer };
+        let options = Options { threads, cancel: cancel.clone(), observer, ..Options::default() };
         let (mut report, mut diagnostics) = match execute(&self.graph, &self.targets, &[], &options) {
             Ok(report) => (report, Vec::new()),
             Err(error) => (Report { unreached: self.targets.len(), ..Report::default() }, vec![self.plan_failed(&error)]),
@@ -256,7 +254,7 @@ impl Job {
     fn files(&self) -> Vec<(usize, PathBuf)> {
         let mut files: Vec<(usize, PathBuf)> = self.taps.iter().flat_map(|t| t.files().into_iter().map(|f| (t.port.node, f))).collect();
         for target in &self.targets {
-            for path in written_paths(&self.graph, target.node) {
+            for path in self.graph.nodes[target.node].written_paths() {
                 let node = &self.graph.nodes[target.node];
                 let frames = match (path.is_sequence(), node.ty.schema.kind) {
                     (false, _) => vec![0],
@@ -294,16 +292,6 @@ impl Job {
 
 fn is_whole(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() > 0)
-}
-
-/// The paths that a node's settings say it writes.
-fn written_paths(graph: &Graph, node: usize) -> Vec<OutputPath> {
-    let spec = &graph.nodes[node];
-    let pairs = spec.inputs.iter().zip(&spec.ty.schema.inputs).filter(|(_, s)| s.files == FileUse::Write);
-    let path = |value: &Arc<dyn std::any::Any + Send + Sync>| {
-        value.downcast_ref::<OutputPath>().cloned().or_else(|| value.downcast_ref::<Option<OutputPath>>().cloned().flatten())
-    };
-    pairs.filter_map(|(binding, _)| if let Binding::Literal { value, .. } = binding { path(value) } else { None }).collect()
 }
 
 fn bad_frames(error: &FramesError) -> Diagnostic {

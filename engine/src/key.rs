@@ -102,10 +102,16 @@ impl Keys {
     /// The key of the value at position `index` of an output; the output after the last is the state of a recurrent node, and a sink has its one
     /// key at output 0. Derived from the task's key, so that it says nothing where [`Keys::task`] has none.
     pub fn value(&self, node: usize, output: usize, index: usize) -> [u8; 32] {
+        let task = if self.nodes[node].runs_once { 0 } else { index };
+        self.value_of(self.task(node, task).unwrap_or(&UNWANTED), node, output, index)
+    }
+
+    /// As [`Keys::value`], from a key of the task that is given: its content key, or its own.
+    pub fn value_of(&self, task: &[u8; 32], node: usize, output: usize, index: usize) -> [u8; 32] {
         let keys = &self.nodes[node];
         // One task of a node that runs once gives the values of all frames.
-        let (task, part) = if keys.runs_once { (0, index as u64) } else { (index, 0) };
-        let mut hasher = Hasher::new_keyed(self.task(node, task).unwrap_or(&UNWANTED));
+        let part = if keys.runs_once { index as u64 } else { 0 };
+        let mut hasher = Hasher::new_keyed(task);
         hasher.update(&part.to_le_bytes());
         hasher.update(keys.schema.outputs.get(output).map_or("state", |o| o.name).as_bytes());
         *hasher.finalize().as_bytes()

@@ -4,8 +4,8 @@ extern crate self as pegbar_engine;
 
 pub mod array;
 pub mod atomic;
-pub mod cache;
 pub mod bundle;
+pub mod cache;
 pub mod check;
 pub mod clock;
 pub mod diag;

@@ -14,6 +14,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use blake3::Hasher;
 
+use crate::cache::Cache;
 use crate::node::{Fault, NodeError};
 
 /// Changes with what a memory of stamps is made of.
@@ -31,6 +32,15 @@ pub trait Memo: Sync {
     fn recall(&self, key: &[u8; 32]) -> Option<Vec<u8>>;
     /// Notes `text` under `key`, in place of what stood there.
     fn note(&self, key: &[u8; 32], text: &[u8]);
+}
+
+impl Memo for Cache {
+    fn recall(&self, key: &[u8; 32]) -> Option<Vec<u8>> {
+        Cache::recall(self, key)
+    }
+    fn note(&self, key: &[u8; 32], text: &[u8]) {
+        Cache::note(self, key, text);
+    }
 }
 
 /// Digests of the contents of files, each found once a run.
@@ -118,6 +128,14 @@ impl<'a> Files<'a> {
         let seen = self.look(path)?;
         // Of two threads that read the same file the first has the word.
         Ok(self.lock().entry(path.to_owned()).or_insert(seen).digest)
+    }
+
+    /// The digest of a file's content as it is now.
+    ///
+    /// # Errors
+    /// As of [`Files::digest`].
+    pub fn content(&self, path: &Path) -> Result<[u8; 32], NodeError> {
+        Ok(self.look(path)?.digest)
     }
 
     /// Finds the digests of many files on up to `threads` threads.

@@ -88,6 +88,11 @@ impl SequenceRef {
     pub fn get(&self, idx: usize) -> Result<ValueRef, NodeError> {
         self.values.get(idx)
     }
+
+    /// As [`SequenceRef::new`], of values that others hold too.
+    pub fn shared(clock: Option<Arc<Clock>>, values: Arc<dyn Values>) -> Self {
+        Self { clock, values }
+    }
 }
 
 impl fmt::Debug for SequenceRef {

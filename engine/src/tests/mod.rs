@@ -1,5 +1,6 @@
 //! The engine with nodes of numbers: small enough that every result is known in closed form.
 
+mod budget;
 mod bundle;
 mod check;
 mod check_nodes;

@@ -1,0 +1,160 @@
+//! The gate: who may start, so that what is counted never passes the budget and somebody can always go on.
+//!
+//! A task enters with all that it will need at once, and nothing that runs ever waits for memory. A task that does not fit waits at the gate until
+//! somebody leaves. When nobody runs, everything that lies idle can be given up, so the first in the queue fits, or never will.
+
+use super::sync::{AtomicU64, Mutex, MutexGuard, Ordering, PoisonError};
+
+/// Bytes are counted in the lower bits.
+const BYTES: u64 = (1 << 47) - 1;
+/// One task that runs.
+const ONE: u64 = 1 << 47;
+/// Somebody decides or waits: all who want to enter go through the lock.
+const CLOSED: u64 = 1 << 63;
+
+/// The answer to a task that wants to enter.
+#[derive(Debug, PartialEq)]
+pub(super) enum Pass {
+    /// It runs, with so many bytes counted for it.
+    Go(u64),
+    /// It will be handed to somebody who leaves.
+    Wait,
+    /// So many bytes do not fit, and nobody is there to wait for.
+    Never(u64),
+}
+
+/// The bytes that are counted, the tasks that run, and those that wait.
+pub(super) struct Gate<T> {
+    limit: u64,
+    state: AtomicU64,
+    peak: AtomicU64,
+    queue: Mutex<Vec<T>>,
+}
+
+fn running(state: u64) -> u64 {
+    (state & !CLOSED) / ONE
+}
+
+impl<T> Gate<T> {
+    /// A gate to so many bytes; `None` for as many as there may be.
+    pub(super) fn new(limit: Option<u64>) -> Self {
+        let limit = limit.unwrap_or(BYTES).min(BYTES);
+        Self { limit, state: AtomicU64::new(0), peak: AtomicU64::new(0), queue: Mutex::new(Vec::new()) }
+    }
+
+    pub(super) fn is_limited(&self) -> bool {
+        self.limit < BYTES
+    }
+
+    pub(super) fn limit(&self) -> u64 {
+        self.limit
+    }
+
+    /// Bytes that are counted now.
+    pub(super) fn used(&self) -> u64 {
+        self.state.load(Ordering::Relaxed) & BYTES
+    }
+
+    /// Most bytes that were counted at once.
+    pub(super) fn peak(&self) -> u64 {
+        self.peak.load(Ordering::Relaxed)
+    }
+
+    /// Adds to the state where the bytes fit and `shut` is not set.
+    fn add(&self, bytes: u64, tasks: u64, shut: u64) -> bool {
+        let fits = |state: u64| (state & shut == 0 && (state & BYTES) + bytes <= self.limit).then(|| state + bytes + tasks);
+        match self.state.fetch_update(Ordering::SeqCst, Ordering::SeqCst, fits) {
+            Ok(before) => {
+                let now = (before & BYTES) + bytes;
+                if now > self.peak.load(Ordering::Relaxed) {
+                    self.peak.fetch_max(now, Ordering::Relaxed);
+                }
+                true
+            }
+            Err(_) => false,
+        }
+    }
+
+    /// Enters, where nobody waits and the bytes fit.
+    pub(super) fn enter(&self, bytes: u64) -> bool {
+        self.add(bytes, ONE, CLOSED)
+    }
+
+    /// Enters, or leaves the task in the queue. `need` finds the bytes, when nobody else can make room any more; `make_room` gives up one thing that
+    /// lies idle, and is false where there is none.
+    pub(super) fn enter_or_wait(&self, task: T, need: impl FnOnce() -> u64, mut make_room: impl FnMut() -> bool) -> Pass {
+        let mut queue = self.lock();
+        let bytes = need();
+        // From here on nobody enters but through the lock that we hold, so that the number of those who run only falls.
+        self.state.fetch_or(CLOSED, Ordering::SeqCst);
+        loop {
+            let is_idle = running(self.state.load(Ordering::SeqCst)) == 0;
+            if self.add(bytes, ONE, 0) {
+                self.open(&queue);
+                return Pass::Go(bytes);
+            }
+            if make_room() {
+                continue;
+            }
+            if is_idle {
+                self.open(&queue);
+                return Pass::Never(bytes);
+            }
+            // If the last one left while room was sought, what it held may be given up now. Otherwise whoever leaves finds the gate closed, and
+            // comes for the queue as soon as we let go of it.
+            if running(self.state.load(Ordering::SeqCst)) > 0 {
+                queue.push(task);
+                return Pass::Wait;
+            }
+        }
+    }
+
+    /// Leaves: gives the bytes back, and takes all who wait along, to be tried again.
+    #[must_use]
+    pub(super) fn leave(&self, bytes: u64) -> Vec<T> {
+        let before = self.state.fetch_sub(bytes + ONE, Ordering::SeqCst);
+        if before & CLOSED == 0 {
+            return Vec::new();
+        }
+        let mut queue = self.lock();
+        let waiting = std::mem::take(&mut *queue);
+        self.open(&queue);
+        waiting
+    }
+
+    /// Counts more bytes for somebody who is inside, where they fit.
+    pub(super) fn reserve(&self, bytes: u64) -> bool {
+        self.add(bytes, 0, 0)
+    }
+
+    /// Counts bytes no more.
+    pub(super) fn release(&self, bytes: u64) {
+        self.state.fetch_sub(bytes, Ordering::SeqCst);
+    }
+
+    /// Makes room for somebody who is inside; false where there is none to be made.
+    pub(super) fn reserve_with(&self, bytes: u64, mut make_room: impl FnMut() -> bool) -> bool {
+        if self.reserve(bytes) {
+            return true;
+        }
+        let _queue = self.lock();
+        loop {
+            if self.reserve(bytes) {
+                return true;
+            }
+            if !make_room() {
+                return false;
+            }
+        }
+    }
+
+    fn open(&self, queue: &[T]) {
+        if queue.is_empty() {
+            self.state.fetch_and(!CLOSED, Ordering::SeqCst);
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<T>> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
