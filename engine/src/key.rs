@@ -7,7 +7,7 @@
 //!   quotes make no difference;
 //! - for each input the keys of the values that it reads, at the frames that the plan says, or the content of a value that is known already;
 //! - the contents of the files that it reads, and how their names end, but not where they lie; for a reader of frames that is the file that its
-//!   policy for missing frames picks;
+//!   policy for missing frames picks, and for a node that runs once all of them;
 //! - for a recurrent node the key of the state that it starts from, and so of the whole chain before it;
 //! - the rate of its clock, in frames a second, where it has one value a frame or runs over sequences.
 //!
@@ -207,7 +207,7 @@ impl NodeKeys {
             fact.put(&mut hasher);
         }
         keys.facts = *hasher.finalize().as_bytes();
-        if read_paths(spec).any(|p| p.is_sequence()) {
+        if reads_numbered(spec) {
             keys.files = vec![Vec::new(); wanted.len()];
             for task in (0..wanted.len()).filter(|&k| wanted[k]) {
                 let frame = (!spec.runs_once()).then(|| spec.clock.first + task as i64);
@@ -270,6 +270,11 @@ fn chain_order(plan: &Plan, node: usize) -> Vec<usize> {
         order.extend(chain.drain(..).rev());
     }
     order
+}
+
+/// True for a node that reads files with frame numbers.
+pub(crate) fn reads_numbered(spec: &GraphNode) -> bool {
+    read_paths(spec).any(|p| p.is_sequence())
 }
 
 /// The files that a task reads, as its settings say, in the order of its inputs; only those with frame numbers for `numbered`.

@@ -4,7 +4,7 @@
 //! kept. A record says in words what [`crate::key`] hashes: the facts of each node, which values and files each task reads, the digests of the
 //! files. It holds no keys: two records with equal facts stand for equal keys.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::atomic::{self, WriteError};
 use crate::diag::{Label, SourceMap};
 use crate::graph::{Binding, Graph, GraphNode, Port};
-use crate::key::{Fact, KEY_VERSION, Mode, facts, hex, paths};
+use crate::key::{Fact, KEY_VERSION, Mode, facts, hex, paths, reads_numbered};
 use crate::plan::{Edge, Plan, PlanError, Reads, wires};
 use crate::stamp::Files;
 
@@ -218,15 +218,20 @@ impl NodeRecord {
 impl Record {
     /// What the keys of a graph are made from, without costs.
     ///
-    /// Without a plan, as where one hangs on a value that is to be computed, every task counts as wanted, and what tasks ask for is not known.
+    /// Without a plan, as where one hangs on a value that is to be computed, every task counts as wanted, and what tasks ask for is not known. So it
+    /// is with what the plan does not want because the values that were made of it are known already.
     ///
     /// # Errors
     /// Where a file cannot be read.
     pub fn of(graph: &Graph, sources: &SourceMap, plan: Option<&Plan>, files: &Files) -> Result<Self, PlanError> {
         let mut table = Table::default();
         let mut nodes = Vec::with_capacity(graph.nodes.len());
-        for node in 0..graph.nodes.len() {
-            nodes.push(node_record(graph, sources, plan, node, files, &mut table)?);
+        let stages = plan.map(|plan| earlier_stages(graph, plan)).unwrap_or_default();
+        for (node, spec) in graph.nodes.iter().enumerate() {
+            let tasks = if spec.runs_once() { 1 } else { spec.clock.len() };
+            let is_wanted = |k: &usize| plan.is_none_or(|p| p.nodes[node].wanted[*k]) || stages.contains(&node);
+            let wanted: Vec<usize> = (0..tasks).filter(is_wanted).collect();
+            nodes.push(node_record(graph, sources, plan, node, &wanted, files, &mut table)?);
         }
         let date = date(SystemTime::now());
         let keys = KEY_VERSION.to_owned();
@@ -237,6 +242,20 @@ impl Record {
     pub fn find(&self, name: &str) -> Option<usize> {
         self.nodes.iter().position(|n| n.name == name)
     }
+}
+
+/// Nodes that the plan does not want, and that led to what it knows already.
+fn earlier_stages(graph: &Graph, plan: &Plan) -> BTreeSet<usize> {
+    let mut out = BTreeSet::new();
+    let mut open: Vec<usize> = plan.known.keys().map(|port| port.node).collect();
+    let mut seen: BTreeSet<usize> = open.iter().copied().collect();
+    while let Some(node) = open.pop() {
+        if !plan.nodes[node].wanted.contains(&true) {
+            out.insert(node);
+        }
+        open.extend(wires(&graph.nodes[node].inputs).map(|port| port.node).filter(|n| seen.insert(*n)));
+    }
+    out
 }
 
 /// Files in the order in which they are met.
@@ -263,25 +282,23 @@ fn node_record(
     sources: &SourceMap,
     plan: Option<&Plan>,
     node: usize,
+    wanted: &[usize],
     files: &Files,
     table: &mut Table,
 ) -> Result<NodeRecord, PlanError> {
     let spec = &graph.nodes[node];
-    let tasks = if spec.runs_once() { 1 } else { spec.clock.len() };
     let first = if spec.runs_once() { 0 } else { spec.clock.first };
-    let wanted: Vec<usize> = (0..tasks).filter(|&k| plan.is_none_or(|p| p.nodes[node].wanted[k])).collect();
     let failed = |error| PlanError { node, frame: None, error };
     let constant = |port| Some(*crate::value::digest(plan?.known.get(&port)?.as_ref()).as_bytes());
     // A node that nobody wants has no key, so that its files need not be there.
     let content = |path: &Path| if wanted.is_empty() { Ok(UNREAD.to_owned()) } else { files.digest(path).map(|d| hex(&d)) };
     let facts = facts(graph, node, constant, content).map_err(failed)?;
-    let mut picks = Vec::with_capacity(wanted.len());
-    for &task in &wanted {
+    let mut picks = Vec::new();
+    for &task in wanted.iter().filter(|_| reads_numbered(spec)) {
         let pick = |path: PathBuf, table: &mut Table| files.digest(&path).map(|digest| table.place(path, &digest));
         let found = paths(spec, task, true).into_iter().map(|path| path.and_then(|p| pick(p, table)));
         picks.push(found.collect::<Result<Vec<u32>, _>>().map_err(failed)?);
     }
-    picks.truncate(if picks.iter().all(Vec::is_empty) { 0 } else { picks.len() });
     let mut edges = plan.map(|p| p.nodes[node].edges.iter()).unwrap_or_default();
     let wires = wire_records(graph, plan, spec, first, &mut edges);
     Ok(NodeRecord {

@@ -197,15 +197,14 @@ impl<'a> Files<'a> {
     fn look(&self, path: &Path) -> Result<Seen, NodeError> {
         let io = |error: std::io::Error| NodeError::io(path, error);
         for _ in 0..TRIES {
-            let file = std::fs::File::open(path).map_err(io)?;
-            let stamp = Stamp::of(&file.metadata().map_err(io)?);
+            let stamp = Stamp::of(&std::fs::metadata(path).map_err(io)?);
             // By the time before it is read: whatever changes from here on has a later one.
             let is_settled = stamp.is_settled((self.now)());
             if let Some(digest) = self.recall(path, &stamp).filter(|_| is_settled) {
                 return Ok(Seen { stamp, digest, is_settled });
             }
             let mut hasher = Hasher::new();
-            hasher.update_reader(&file).map_err(io)?;
+            hasher.update_reader(std::fs::File::open(path).map_err(io)?).map_err(io)?;
             let digest = *hasher.finalize().as_bytes();
             if Stamp::of(&std::fs::metadata(path).map_err(io)?) == stamp {
                 if let Some(memo) = self.memo.filter(|_| is_settled) {

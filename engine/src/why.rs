@@ -84,7 +84,7 @@ pub enum Outcome {
     First,
     /// It was computed again, as its results had not been worth keeping.
     Unkept,
-    /// It was computed again, as the cache did not have its results any more.
+    /// It was computed again, as the cache did not have its results: they were evicted, or the run before was cut short or had no cache.
     Lost,
     /// The record does not say.
     Unknown,
@@ -149,7 +149,7 @@ impl fmt::Display for Why {
                     Outcome::Cached => "its results came from the cache",
                     Outcome::First => "it ran for the first time on record",
                     Outcome::Unkept => "it ran again, as its results had not been worth keeping in the cache",
-                    Outcome::Lost => "it ran again, as the cache did not have its results any more",
+                    Outcome::Lost => "it ran again, as the cache did not have its results: evicted, cleared, or never made",
                     Outcome::Unknown => "the record does not say what came of it",
                 };
                 write!(f, "nothing that {name} is made from has changed since the run of {last}; there {came}")
@@ -231,7 +231,8 @@ pub fn difference(old: &Record, new: &Record, node: &str, frame: Option<i64>) ->
     let start: Vec<Task> = frames.into_iter().map(|frame| Task { pair, frame }).collect();
     let walk = |judges_constants| Walk { old, new, judges_constants, same: RefCell::default() };
     // A computed constant that differs has its reason upstream, but for what another stage of the run knew.
-    walk(false).search(start.clone()).or_else(|| walk(true).search(start))
+    let has_constants = old.nodes.iter().chain(&new.nodes).flat_map(|n| &n.facts).any(|f| f.kind == FactKind::Constant);
+    walk(false).search(start.clone()).or_else(|| has_constants.then(|| walk(true).search(start)).flatten())
 }
 
 fn change(node: &str, was: impl Into<String>, is: impl Into<String>) -> Change {
@@ -268,6 +269,7 @@ impl<'a> Walk<'a> {
         let mut queue: VecDeque<Task> = start.into();
         // What is the same for all tasks of a pair is looked at once.
         let mut pairs: HashSet<Pair> = HashSet::new();
+        let mut wholes: HashSet<Pair> = HashSet::new();
         while let Some(task) = queue.pop_front() {
             if self.same.borrow().contains(&task) {
                 continue;
@@ -276,7 +278,7 @@ impl<'a> Walk<'a> {
             if let Some(change) = found.or_else(|| self.task_change(task)) {
                 return Some(Change { chain: self.chain(task, &led), ..change });
             }
-            for next in self.reads(task) {
+            for next in self.reads(task, &mut wholes) {
                 led.entry(next).or_insert_with(|| {
                     queue.push_back(next);
                     Some(task)
@@ -378,10 +380,14 @@ impl<'a> Walk<'a> {
         Some(input.map_or(change.clone(), |input| at_input(input, change)))
     }
 
-    /// The tasks that a task reads, in the order of the inputs, its own state last.
-    fn reads(&self, task: Task) -> Vec<Task> {
+    /// The tasks that a task reads, in the order of the inputs, its own state last; a whole sequence for the first alone of those who read it.
+    fn reads(&self, task: Task, wholes: &mut HashSet<Pair>) -> Vec<Task> {
         let (old, new) = self.nodes(task.pair);
-        let values = wires(old, new).filter(|(_, b)| !constant_is_same(old, new, b)).flat_map(|(a, b)| self.reads_by(task, a, b));
+        let is_new = |a: &WireRecord, b: &WireRecord, wholes: &mut HashSet<Pair>| {
+            b.mode != Mode::All || wholes.insert(Pair { old: a.node, new: b.node })
+        };
+        let wires = wires(old, new).filter(|(a, b)| !constant_is_same(old, new, b) && is_new(a, b, wholes));
+        let values = wires.flat_map(|(a, b)| self.reads_by(task, a, b));
         let previous = frames_asked(new.previous.as_deref().or(old.previous.as_deref()), task.frame);
         values.chain(previous.into_iter().map(|frame| Task { frame, ..task })).collect()
     }
@@ -419,11 +425,10 @@ fn is_unknown(a: &Fact, b: &Fact) -> bool {
 
 /// True where both records know the content of the value at a wire, and it is the same.
 fn constant_is_same(old: &NodeRecord, new: &NodeRecord, wire: &WireRecord) -> bool {
-    let digests = |n: &NodeRecord| -> Vec<String> {
-        n.facts.iter().filter(|f| f.input == wire.input && f.kind == FactKind::Constant).map(|f| f.text.clone()).collect()
-    };
-    let (was, is) = (digests(old), digests(new));
-    !is.is_empty() && was == is
+    fn digests<'a>(node: &'a NodeRecord, input: &'a str) -> impl Iterator<Item = &'a str> {
+        node.facts.iter().filter(move |f| f.kind == FactKind::Constant && f.input == input).map(|f| f.text.as_str())
+    }
+    digests(new, &wire.input).next().is_some() && digests(old, &wire.input).eq(digests(new, &wire.input))
 }
 
 /// What is written at an input, with the content of the file or constant that it stands for.

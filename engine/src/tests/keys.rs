@@ -29,10 +29,14 @@ fn graph_in(folder: &Path, head: &str, nodes: &str) -> Graph {
 
 /// The plan of all nodes, where need be with values that decide what is read.
 pub(super) fn planned(graph: &Graph) -> Plan {
-    let targets: Vec<Target> = (0..graph.nodes.len()).map(|node| Target { node, frames: None }).collect();
+    plan_of(graph, &(0..graph.nodes.len()).map(|node| Target { node, frames: None }).collect::<Vec<_>>())
+}
+
+/// The plan of some nodes.
+pub(super) fn plan_of(graph: &Graph, targets: &[Target]) -> Plan {
     let mut known = Known::new();
     loop {
-        match plan(graph, &targets, &[], known.clone()).unwrap_or_else(|e| panic!("{}", e.error)) {
+        match plan(graph, targets, &[], known.clone()).unwrap_or_else(|e| panic!("{}", e.error)) {
             Planned::Ready(plan) => return plan,
             Planned::First(ports) => {
                 let mut report = execute(graph, &[], &ports, &Options::default()).unwrap_or_else(|e| panic!("{}", e.error));

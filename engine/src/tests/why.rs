@@ -10,13 +10,13 @@ use crate::diag::SourceMap;
 use crate::graph::Graph;
 use crate::key::Keys;
 use crate::node::NodeSchema;
-use crate::plan::Plan;
+use crate::plan::{Plan, Target};
 use crate::record::{NodeCost, Record};
 use crate::stamp::Files;
 use crate::why::{Outcome, Verdict, difference, now, why};
 
 use super::check_nodes::registry;
-use super::keys::{FRAMES, NODES, found, planned};
+use super::keys::{FRAMES, NODES, found, plan_of, planned};
 
 struct Shot {
     graph: Graph,
@@ -151,6 +151,30 @@ fn files_are_told_by_their_content_at_the_frames_that_are_read() {
     assert_eq!(told("back", Some(3)), None);
 }
 
+#[test]
+fn names_and_order_are_no_facts() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    footage(folder);
+    let before = Shot::new(folder, FRAMES, HAT).record();
+    let renamed = HAT.replace("swap", "swop").replace("test.total\", ", "test.total\", /* from the first */ ");
+    let turned = renamed.lines().rev().collect::<Vec<_>>().join("\n");
+    let after = Shot::new(folder, FRAMES, &turned).record();
+    for node in ["comp", "near", "all", "back", "out", "plate", "track"] {
+        assert_eq!(told(folder, &before, &after, node, None), None, "{node}");
+    }
+    let after = Shot::new(folder, FRAMES, &renamed.replace("start: 1", "start: 3")).record();
+    let found = told(folder, &before, &after, "comp", None).unwrap();
+    assert!(found.starts_with("comp reads swop reads track: track.start was 1, is 3"), "{found}");
+    // Another node that gives the same is no change either; one that gives something else is.
+    let twin = r#""twin": (type: "test.read", path: "p.#.txt", missing: error), "comp": (type: "test.add", a: "@swap", b: "@twin"),"#;
+    let twin = HAT.replace("\"comp\": (type: \"test.add\", a: \"@swap\", b: \"@plate\"),", twin);
+    assert_eq!(told(folder, &before, &Shot::new(folder, FRAMES, &twin).record(), "near", None), None);
+    let other = Shot::new(folder, FRAMES, &twin.replacen("\"p.#.txt\", missing", "\"hat.txt\", missing", 1)).record();
+    let found = told(folder, &before, &other, "near", None).unwrap();
+    assert!(found.starts_with("near reads comp: comp.b was @plate.value, is @twin.value at main.ron:"), "{found}");
+}
+
 /// The graph as of a Pegbar in which a node type behaves in another way.
 fn next_version(mut shot: Shot, id: &str) -> Shot {
     for node in shot.graph.nodes.iter_mut().filter(|n| n.ty.schema.id == id) {
@@ -257,6 +281,33 @@ fn only_what_the_node_hangs_on_is_looked_at() {
     assert_eq!((read, hat.frame), (1, None), "a node that runs once has no frames");
     assert!(verdict("near", 3).is_err_and(|e| e.error.message.contains("p.4.txt")));
     assert!(verdict("near", 9).is_err_and(|e| e.error.message.contains("frame 9")));
+}
+
+#[test]
+fn what_an_earlier_stage_read_is_looked_at_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    footage(folder);
+    let nodes = r#""p": (type: "test.read", path: "p.#.txt"), "h": (type: "test.read", path: "hat.txt"), "s": (type: "test.add", a: "@p", b: "@h"),
+        "map": (type: "test.summary", stream: "@s"), "f": (type: "test.frame"), "back": (type: "test.retime", stream: "@f", map: "@map.map")"#;
+    let shot = Shot::new(folder, FRAMES, nodes);
+    let back = shot.graph.find("back").unwrap();
+    let plan = plan_of(&shot.graph, &[Target { node: back, frames: None }]);
+    assert_eq!(plan.tasks_of(0), 0, "the plan knows the map");
+    let record = || Record::of(&shot.graph, &shot.sources, Some(&plan), &Files::new(None)).unwrap_or_else(|e| panic!("{}", e.error));
+    let before = record();
+    let told = || {
+        let now = now(&shot.graph, &shot.sources, back, Some(2), &Files::new(None)).unwrap_or_else(|e| panic!("{}", e.error));
+        assert!(!now.is_planned);
+        told(folder, &before, &now, "back", Some(2))
+    };
+    assert_eq!(told(), None);
+    std::fs::write(folder.join("p.4.txt"), "other").unwrap();
+    assert!(told().unwrap().starts_with("back reads map reads s reads p: p.path at frame 4 was p.4.txt"));
+    std::fs::write(folder.join("hat.txt"), "cap").unwrap();
+    assert!(told().unwrap().starts_with("back reads map reads s reads "), "{:?}", told());
+    // The map came out the same, so that two records, which know it, do not differ.
+    assert_eq!(difference(&before, &record(), "back", None), None);
 }
 
 /// Edits of the graph, some of which change nothing.
