@@ -275,9 +275,8 @@ pub(crate) struct WhyArgs {
     /// Node, and one of its frames if need be: comp@12.
     #[arg(value_name = "NODE[@FRAME]", value_parser = node_at)]
     pub(crate) node: (String, Option<i64>),
-    /// Folder of the cache, which holds the records of runs.
-    #[arg(long, value_name = "DIR")]
-    pub(crate) cache: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) folder: CacheFolder,
     /// Text for people, or JSON for programs.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub(crate) format: Format,

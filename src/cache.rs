@@ -39,12 +39,12 @@ pub(crate) fn cache(command: &CacheCommand, console: &mut Console) -> u8 {
     })
 }
 
-fn chosen(folder: &CacheFolder) -> Option<PathBuf> {
+pub(crate) fn chosen(folder: &CacheFolder) -> Option<PathBuf> {
     folder.cache.clone().or_else(cache::default_dir)
 }
 
 /// The cache in a folder; `None` where there is none, which makes none.
-fn open(dir: &Path) -> Result<Option<Cache>, CacheError> {
+pub(crate) fn open(dir: &Path) -> Result<Option<Cache>, CacheError> {
     let is_free = !dir.exists() || (dir.is_dir() && !cache::exists(dir));
     if is_free { Ok(None) } else { Cache::open(dir, DEFAULT_LIMIT).map(Some) }
 }

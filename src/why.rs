@@ -1,18 +1,17 @@
 //! `pegbar why`: the first fact that differs from the run before.
 
-use std::path::PathBuf;
-
 use pegbar_engine::check::load;
 use pegbar_engine::diag::{SourceMap, did_you_mean};
 use pegbar_engine::graph::Graph;
 use pegbar_engine::plan::PlanError;
 use pegbar_engine::record::Records;
 use pegbar_engine::registry::Registry;
-use pegbar_engine::stamp::Files;
+use pegbar_engine::stamp::{Files, Memo};
 use pegbar_engine::why::{Why, now, why as explain};
 use serde::Serialize;
 
 use crate::args::{Format, WhyArgs};
+use crate::cache::{chosen, open};
 use crate::check::say_total;
 use crate::console::{Console, EXIT_OK, EXIT_WRONG};
 
@@ -58,17 +57,13 @@ fn answer(args: &WhyArgs, graph: &Graph, sources: &SourceMap, console: &mut Cons
     };
     let index = graph.find(node).ok_or_else(unknown)?;
     let no_cache = "expected a cache, which holds the records of runs, found none\n  help: name its folder with --cache DIR";
-    let cache = args.cache.clone().or_else(default_cache).ok_or(no_cache)?;
-    let (records, notes) = Records::of(&cache, &args.graph.graph).load();
+    let dir = chosen(&args.folder).ok_or(no_cache)?;
+    let (records, notes) = Records::of(&dir, &args.graph.graph).load();
     notes.iter().for_each(|note| console.say(&format!("note: {note}\n")));
     let failed = |wrong: PlanError| format!("node `{}`: {}", graph.nodes[wrong.node].name, wrong.error);
-    let now = now(graph, sources, index, *frame, &Files::new(None)).map_err(failed)?;
+    // Without a cache each file is read; there is no more to it.
+    let cache = open(&dir).ok().flatten();
+    let files = Files::new(cache.as_ref().map(|cache| cache as &dyn Memo));
+    let now = now(graph, sources, index, *frame, &files).map_err(failed)?;
     explain(&records, &now, node, *frame).ok_or_else(unknown)
-}
-
-/// The user's own cache folder.
-fn default_cache() -> Option<PathBuf> {
-    let folder = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let caches = || folder("XDG_CACHE_HOME").or_else(|| folder("HOME").map(|home| home.join(".cache")));
-    folder("PEGBAR_CACHE").or_else(|| caches().map(|c| c.join("pegbar")))
 }
