@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use pegbar_engine::check::LoadOptions;
+use pegbar_engine::exec::Policy;
 use pegbar_engine::job::FrameSet;
 
 const EXIT_CODES: &str = "Exit codes:
@@ -71,6 +72,13 @@ Exit codes:
   0  it is done
   1  verify found damage, gc could not reach its aim, or the folder could not be read
   2  the command line is wrong";
+const PLAN_EXAMPLES: &str = "Examples:
+  pegbar plan hat.ron                    what `pegbar run hat.ron` would do now
+  pegbar plan hat.ron --memory 1GiB      whether it fits, and which node takes most
+  pegbar plan hat.ron --format json      the same for programs
+
+Times and sizes are those that earlier runs measured; without one they are not known.";
+
 const WHY_EXAMPLES: &str = "Examples:
   pegbar why hat.ron comp            the first thing that changed in what `comp` is made from since it ran
   pegbar why hat.ron comp@12         for frame 12 alone
@@ -118,6 +126,9 @@ pub(crate) enum Command {
     /// Look after the cache: what results are kept from run to run.
     #[command(subcommand, after_help = CACHE_EXAMPLES)]
     Cache(CacheCommand),
+    /// Say what a run would do: which tasks run and which do not, the memory and the time that it takes. Runs nothing.
+    #[command(after_help = PLAN_EXAMPLES)]
+    Plan(PlanArgs),
     /// Say why a node runs again: the first fact that differs from the run before, old and new, with file and line.
     #[command(after_help = WHY_EXAMPLES)]
     Why(WhyArgs),
@@ -161,9 +172,8 @@ pub(crate) struct RunArgs {
     /// Make only this node. A node that writes no file has its outputs written to DIR/NODE.OUTPUT.npz; NODE.OUTPUT takes one of them.
     #[arg(long, value_name = "NODE")]
     pub(crate) only: Option<String>,
-    /// Threads; as many as the processor runs at once if left out. The result is the same for any number.
-    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) threads: Option<u16>,
+    #[command(flatten)]
+    pub(crate) resources: Resources,
     /// How progress is shown.
     #[arg(long, value_enum, default_value_t = Progress::Auto)]
     pub(crate) progress: Progress,
@@ -173,6 +183,43 @@ pub(crate) struct RunArgs {
     /// Save the first failure of each node, 8 at most, with all that the node was given, as DIR/NODE@FRAME for `pegbar replay`.
     #[arg(long, value_name = "DIR")]
     pub(crate) save_failure: Option<PathBuf>,
+}
+
+/// What a run may use, and what it leaves for the next.
+#[derive(Args, Debug)]
+pub(crate) struct Resources {
+    /// Threads; as many as the processor runs at once if left out. The result is the same for any number.
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Most memory for results and for what nodes work with, as 4GiB or 800MB; half of what there is if left out. What does not fit goes to the folder
+    /// of the cache and comes back.
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    pub(crate) memory: Option<u64>,
+    #[command(flatten)]
+    pub(crate) folder: CacheFolder,
+    /// Take nothing from the cache, and put nothing there.
+    #[arg(long)]
+    pub(crate) no_cache: bool,
+    /// What is kept in the cache: auto (what costs more to make than to keep), always, never; or NODE=WHAT for one node, several times.
+    #[arg(long = "keep", value_name = "WHAT", value_parser = kept)]
+    pub(crate) kept: Vec<(Option<String>, Policy)>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct PlanArgs {
+    #[command(flatten)]
+    pub(crate) graph: GraphArgs,
+    /// Frames, as of `run`.
+    #[arg(long, value_name = "FRAMES", allow_hyphen_values = true)]
+    pub(crate) frames: Option<FrameSet>,
+    /// A node, as of `run`.
+    #[arg(long, value_name = "NODE")]
+    pub(crate) only: Option<String>,
+    #[command(flatten)]
+    pub(crate) resources: Resources,
+    /// Text for people, or JSON for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
 }
 
 #[derive(Args, Debug)]
@@ -309,6 +356,18 @@ pub(crate) enum Format {
     Text,
     /// For programs.
     Json,
+}
+
+/// `always`, or `NODE=always`.
+fn kept(text: &str) -> Result<(Option<String>, Policy), String> {
+    let (node, what) = text.rsplit_once('=').map_or((None, text), |(node, what)| (Some(node.to_owned()), what));
+    let policy = match what {
+        "auto" => Policy::Auto,
+        "always" => Policy::Always,
+        "never" => Policy::Never,
+        _ => return Err(format!("expected auto, always or never, found `{what}`")),
+    };
+    Ok((node, policy))
 }
 
 /// Bytes: a number, and a unit if it is not bytes.

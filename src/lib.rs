@@ -12,8 +12,10 @@ mod explain;
 mod graph;
 mod list;
 mod observers;
+mod plan;
 mod progress;
 mod replay;
+mod resources;
 mod run;
 mod summary;
 mod trace;
@@ -48,6 +50,7 @@ where
         args::Command::Explain(args) => explain::explain(&args, registry, console),
         args::Command::Graph(args) => graph::graph(&args, registry, console),
         args::Command::Cache(command) => cache::cache(&command, console),
+        args::Command::Plan(args) => plan::plan(&args, registry, console),
         args::Command::Why(args) => why::why(&args, registry, console),
         args::Command::Completions(args) => completions::completions(&args, console),
     }

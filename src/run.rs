@@ -6,7 +6,7 @@ use pegbar_engine::check::{Loaded, load};
 use pegbar_engine::diag::Diagnostic;
 use pegbar_engine::exec::Observer;
 use pegbar_engine::graph::Graph;
-use pegbar_engine::job::{Job, Outcome, Request};
+use pegbar_engine::job::{How, Job, Outcome, Request};
 use pegbar_engine::registry::Registry;
 
 use crate::args::{Progress, RunArgs};
@@ -15,6 +15,7 @@ use crate::console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG, 
 use crate::observers::Observers;
 use crate::progress::{Reporter, Style, finished_line};
 use crate::replay::Saver;
+use crate::resources::Ready;
 use crate::summary::summary;
 use crate::trace::Trace;
 
@@ -30,13 +31,20 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) ->
         Ok(job) => job,
         Err(wrong) => return refuse(&loaded, *wrong, console),
     };
-    let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let ready = Ready::new(&args.resources, console);
+    let threads = ready.threads;
+    if let Some(stranger) = ready.strangers(|name| graph.find(name).is_some()).next() {
+        console.say(&format!("error: expected a node of the graph in --keep, found `{stranger}`\n"));
+        return EXIT_WRONG;
+    }
     let saver = args.save_failure.as_deref().map(Saver::new);
     let trace = args.trace.as_deref().map(|path| (path, Trace::new(threads)));
     if !write_trace(trace.as_ref(), console) {
         return EXIT_WRONG;
     }
-    let outcome = watched(args, graph, &job, [saver.as_ref().map(observer), trace.as_ref().map(|(_, t)| observer(t))], threads, console);
+    let how = ready.how(&args.graph.graph, &loaded.sources);
+    let outcome = watched(args, graph, &job, [saver.as_ref().map(observer), trace.as_ref().map(|(_, t)| observer(t))], how, console);
+    ready.say_trouble(console);
     let code = conclude(args, &loaded, graph, &outcome, console);
     say_saved(saver, console);
     if write_trace(trace.as_ref(), console) { code } else { code.max(EXIT_FAILED) }
@@ -71,7 +79,7 @@ fn refuse(loaded: &Loaded, wrong: Diagnostic, console: &mut Console) -> u8 {
 }
 
 /// Runs the job while another thread shows how far it is.
-fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observer>; 2], threads: usize, console: &mut Console) -> Outcome {
+fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observer>; 2], how: How, console: &mut Console) -> Outcome {
     let style = match args.progress {
         Progress::Auto if console.is_terminal => Style::Bar,
         Progress::Auto | Progress::Plain => Style::Plain,
@@ -79,11 +87,11 @@ fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observ
         Progress::None => Style::Silent,
     };
     let cancel = console.cancel.clone();
-    let reporter = Reporter::new(graph, job, style, threads);
+    let reporter = Reporter::new(graph, job, style, how.threads);
     let observers = Observers(std::iter::once(observer(&reporter)).chain(others.into_iter().flatten()).collect());
     std::thread::scope(|scope| {
         let ticker = (style != Style::Silent).then(|| scope.spawn(|| reporter.tick(console)));
-        let outcome = job.run(threads, &cancel, &observers);
+        let outcome = job.run(&How { cancel, observer: &observers, ..how });
         reporter.end();
         if let Some(ticker) = ticker {
             // The ticker only writes; were it to panic, the outcome still stands.

@@ -57,6 +57,7 @@ const COLUMNS: &[Column] = &[
     ("node", |node, _, _| node.name.clone()),
     ("type", |node, _, _| node.ty.schema.id.to_owned()),
     ("tasks", |_, stats, _| stats.tasks.to_string()),
+    ("cached", |_, stats, _| stats.skipped.to_string()),
     ("time", |_, stats, _| duration(stats.time)),
     ("share", |_, _, share| format!("{:.1} %", share * 100.0)),
     ("peak memory", |_, stats, _| bytes(stats.peak_bytes)),
@@ -67,18 +68,18 @@ pub(crate) fn summary(graph: &Graph, outcome: &Outcome) -> String {
     let report = &outcome.report;
     let total: f64 = report.stats.iter().map(|s| s.time.as_secs_f64()).sum();
     let mut rows: Vec<Vec<String>> = vec![COLUMNS.iter().map(|(head, _)| (*head).to_owned()).collect()];
-    for (node, stats) in graph.nodes.iter().zip(&report.stats).filter(|(_, s)| s.tasks > 0) {
+    for (node, stats) in graph.nodes.iter().zip(&report.stats).filter(|(_, s)| s.tasks + s.skipped > 0) {
         let share = if total > 0.0 { stats.time.as_secs_f64() / total } else { 0.0 };
         rows.push(COLUMNS.iter().map(|(_, cell)| cell(node, stats, share)).collect());
     }
     let rate = outcome.frames as f64 / outcome.wall.as_secs_f64().max(1e-9);
     let frames = count(outcome.frames, "frame");
-    let total = format!(
-        "{frames} in {}, {} frames/s, peak memory of results {}\n",
-        duration(outcome.wall),
-        figures(rate),
-        bytes(report.peak_bytes)
-    );
+    let spilled = match report.spilled {
+        (0, _) => String::new(),
+        (n, size) => format!("; {} went to disk, {}", count(usize::try_from(n).unwrap_or(usize::MAX), "value"), bytes(size)),
+    };
+    let total =
+        format!("{frames} in {}, {} frames/s, peak memory of results {}{spilled}\n", duration(outcome.wall), figures(rate), bytes(report.peak_bytes));
     let table = if rows.len() > 1 { format!("{}\n", table(&rows)) } else { String::new() };
     format!("{table}{total}{}", files(outcome))
 }

@@ -174,12 +174,16 @@ pub struct Report {
     pub stats: Vec<NodeStats>,
     /// Values of the ports that were asked for: one a frame, or one; `None` where it was not made.
     pub kept: BTreeMap<Port, Vec<Option<ValueRef>>>,
-    /// Most bytes that were counted at once: results, and what running nodes had besides.
+    /// Most bytes of results alive at once.
     pub peak_bytes: u64,
+    /// Most bytes that were counted against the budget at once: results, and what was set aside for running nodes.
+    pub counted_bytes: u64,
     /// Values that went to disk for want of memory, and their bytes.
     pub spilled: (u64, u64),
     /// Who waits for whom, where nothing could move any more.
     pub stuck: Option<String>,
+    /// The plan of the last stage, as it was before the cache was looked into.
+    pub plan: Option<Plan>,
     /// True where a value that the cache should have had was gone, so that what hangs on it is still to be made.
     pub(crate) lost: bool,
 }
@@ -262,7 +266,7 @@ fn run_again(graph: &Graph, plan: Plan, sizes: &Sizes, options: &Options) -> Res
         tries += 1;
         let report = run_once(graph, plan.clone(), sizes, options, tries == TRIES)?;
         if !report.lost || tries == TRIES {
-            return Ok(report);
+            return Ok(Report { plan: Some(plan), ..report });
         }
     }
 }
@@ -286,6 +290,59 @@ fn run_once(graph: &Graph, mut plan: Plan, sizes: &Sizes, options: &Options, is_
     let mut report = run::run(graph, &plan, &layout, sizes, Some(&cached), options);
     report.stats.iter_mut().zip(skipped).for_each(|(stats, skipped)| stats.skipped = skipped);
     Ok(report)
+}
+
+/// What a run would do.
+#[derive(Debug, Default)]
+pub struct Preview {
+    /// For each node, tasks that would run.
+    pub runs: Vec<u64>,
+    /// For each node, tasks that would not, as the cache has what they make, or nobody needs it any more.
+    pub skipped: Vec<u64>,
+    /// What each node is known to cost.
+    pub sizes: Vec<Option<Expected>>,
+    /// Bytes that would be read from the cache.
+    pub cached_bytes: u64,
+    /// What it needs of memory, as far as the sizes are known.
+    pub footprint: Footprint,
+    /// Nodes that would run and have never been measured.
+    pub unknown: Vec<usize>,
+    /// Values that have to be made before the rest can be planned; what stands here is then the plan of those.
+    pub first: Vec<Port>,
+}
+
+/// Finds what a run would do, and runs nothing.
+///
+/// # Errors
+/// As of [`execute`].
+pub fn preview(graph: &Graph, targets: &[Target], options: &Options) -> Result<Preview, PlanError> {
+    let mut first = Vec::new();
+    let mut planned = plan(graph, targets, &[], Known::new())?;
+    let mut plan = loop {
+        match planned {
+            Planned::Ready(plan) => break plan,
+            Planned::First(ports) => {
+                planned = self::plan(graph, &[], &ports, Known::new())?;
+                first = ports;
+            }
+        }
+    };
+    let layout = Layout::new(graph, &plan);
+    let mut preview = Preview { skipped: vec![0; graph.nodes.len()], first, ..Preview::default() };
+    if let Some(with) = &options.cache {
+        let _ = with.files.prefetch(&files_of_plan(graph, &plan), options.threads);
+        let keys = Keys::of(graph, &plan, with.files)?;
+        let pruned = prune(graph, &mut plan, &layout, &keys, with);
+        preview.cached_bytes = pruned.bytes();
+        preview.skipped = pruned.skipped;
+    }
+    preview.runs = (0..graph.nodes.len()).map(|node| plan.tasks_of(node) as u64).collect();
+    let sizes = Sizes::new(graph, options.expected);
+    preview.sizes = (0..graph.nodes.len()).map(|node| sizes.known(node)).collect();
+    preview.unknown = (0..graph.nodes.len()).filter(|&n| preview.runs[n] > 0 && preview.sizes[n].is_none()).collect();
+    let known: Vec<Expected> = preview.sizes.iter().map(|size| size.unwrap_or_default()).collect();
+    preview.footprint = footprint::footprint(graph, &plan, &layout, &known);
+    Ok(preview)
 }
 
 /// Refuses a plan that the budget is too small for, as far as the sizes are known; bounds the targets in flight by it.

@@ -4,6 +4,7 @@
 //! before anything runs, and [`Job::run`] runs and turns failures into located [`Diagnostic`]s, one for each node and message.
 
 mod frames;
+mod history;
 mod tap;
 
 use std::collections::BTreeMap;
@@ -12,12 +13,16 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::diag::{Diagnostic, Label, Severity};
-use crate::exec::{Failure, Observer, Options, Report, execute};
+use crate::exec::{CacheUse, Failure, Measure, Observer, Options, Preview, Report, Silent, execute, preview};
 use crate::graph::{Graph, Port};
 use crate::node::{Cancel, Kind, NodeError};
 use crate::plan::{PlanError, Target};
+use crate::stamp::{Files, Memo};
+
+pub use history::Keep;
 
 pub use frames::{FrameRange, FrameSet, FramesError, frame_ranges};
+use history::History;
 use tap::Tap;
 
 /// The codes of what can go wrong with a job.
@@ -26,6 +31,8 @@ pub mod code {
     pub const NODE_FAILED: &str = "PB0500";
     /// A file that should have been written is not there.
     pub const MISSING_OUTPUT: &str = "PB0501";
+    /// Nothing could move any more.
+    pub const STUCK: &str = "PB0502";
     /// A frame that the clock does not have, or a frame range that is none.
     pub const BAD_FRAMES: &str = "PB0510";
     /// `--only` names a node or an output that there is not.
@@ -45,6 +52,38 @@ pub struct Request {
     pub frames: Option<FrameSet>,
     /// The output folder.
     pub out: PathBuf,
+}
+
+/// How a job is run.
+pub struct How<'a> {
+    /// Threads, at least one.
+    pub threads: usize,
+    /// The most bytes that results and the scratch of running nodes may have together; `None` for as many as there may be.
+    pub memory: Option<u64>,
+    /// The folder for what does not fit.
+    pub spill: PathBuf,
+    /// The cache, and what is kept there.
+    pub keep: Option<Keep<'a>>,
+    /// Counts what a task allocates.
+    pub measure: Option<Measure>,
+    /// Ends the run.
+    pub cancel: Cancel,
+    /// Is told what happens.
+    pub observer: &'a dyn Observer,
+}
+
+impl Default for How<'_> {
+    fn default() -> Self {
+        Self {
+            threads: 1,
+            memory: None,
+            spill: std::env::temp_dir(),
+            keep: None,
+            measure: None,
+            cancel: Cancel::default(),
+            observer: &Silent,
+        }
+    }
 }
 
 /// A graph with its targets.
@@ -192,20 +231,58 @@ impl Job {
     }
 
     /// Runs the graph. A failing node stops what hangs on it and nothing else.
-    pub fn run(&self, threads: usize, cancel: &Cancel, observer: &dyn Observer) -> Outcome {
+    pub fn run(&self, how: &How) -> Outcome {
         let start = Instant::now();
-        let options = Options { threads, cancel: cancel.clone(), observer, ..Options::default() };
-        let (mut report, mut diagnostics) = match execute(&self.graph, &self.targets, &[], &options) {
+        let ran = self.with_options(how, |options, history| {
+            let ran = execute(&self.graph, &self.targets, &[], options);
+            if let (Ok(report), Some(history)) = (&ran, history) {
+                history.save(&self.graph, report);
+            }
+            ran
+        });
+        let (mut report, mut diagnostics) = match ran {
             Ok(report) => (report, Vec::new()),
             Err(error) => (Report { unreached: self.targets.len(), ..Report::default() }, vec![self.plan_failed(&error)]),
         };
         diagnostics.extend(self.failures(&report.failures));
+        diagnostics.extend(report.stuck.iter().map(|who| stuck(who)));
         if report.failures.is_empty() && !report.cancelled && diagnostics.is_empty() {
             diagnostics.extend(self.write_taps());
         }
         let written = if diagnostics.is_empty() && report.is_complete() { self.look_for_files(&mut diagnostics) } else { self.present() };
         report.stats.truncate(self.nodes);
         Outcome { diagnostics, report, written, frames: self.frame_count(), wall: start.elapsed() }
+    }
+
+    /// Finds what a run would do, and runs nothing.
+    ///
+    /// # Errors
+    /// Where a node asks for a frame that there is not, or a file cannot be read.
+    pub fn preview(&self, how: &How) -> Result<Preview, Box<Diagnostic>> {
+        self.with_options(how, |options, _| preview(&self.graph, &self.targets, options))
+            .map_err(|error| Box::new(self.plan_failed(&error)))
+    }
+
+    /// Sets up what earlier runs left behind.
+    fn with_options<T>(&self, how: &How, work: impl FnOnce(&Options, Option<&History>) -> T) -> T {
+        let memo = how.keep.as_ref().map(|keep| keep.cache.as_ref() as &dyn Memo);
+        let files = Files::new(memo);
+        let history = how.keep.as_ref().map(|keep| History::new(keep, &files));
+        let expected = history.as_ref().map(|h| h.expected(&self.graph)).unwrap_or_default();
+        let policies = how.keep.as_ref().map(|keep| keep.policies(&self.graph)).unwrap_or_default();
+        let cache = how.keep.as_ref().map(|keep| CacheUse { cache: keep.cache.clone(), files: &files, policies: &policies });
+        let options = Options {
+            threads: how.threads,
+            in_flight: 0,
+            memory: how.memory,
+            spill: how.spill.clone(),
+            cache,
+            expected: &expected,
+            measure: how.measure,
+            cancel: how.cancel.clone(),
+            observer: how.observer,
+        };
+        work(&options, history.as_ref())
     }
 
     /// One diagnostic for each node and message, in the order of the graph; messages that differ in the frame's number alone are one, told by its first.
@@ -317,6 +394,11 @@ fn unknown_target(graph: &Graph, name: &str) -> Diagnostic {
     let names: Vec<&str> = graph.nodes.iter().map(|n| n.name.as_str()).take(12).collect();
     let more = if graph.nodes.len() > names.len() { ", ..." } else { "" };
     hinted.help(format!("the nodes are {}{more}", names.join(", ")))
+}
+
+fn stuck(who: &str) -> Diagnostic {
+    let message = format!("expected a task that can run, found none that can move: {who}");
+    Diagnostic::new(Severity::Error, code::STUCK, message).help("this is a fault of Pegbar: please report it with the graph")
 }
 
 fn nothing_to_run(graph: &Graph) -> Diagnostic {

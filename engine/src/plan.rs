@@ -44,7 +44,7 @@ pub struct PlanError {
 }
 
 /// Every task that is needed, and every read between them.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Plan {
     /// One for each node of the graph.
     pub(crate) nodes: Vec<PlanNode>,
@@ -55,7 +55,7 @@ pub struct Plan {
     pub(crate) known: Known,
 }
 
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(crate) struct PlanNode {
     /// Which of its tasks are needed; one task for a node that runs once.
     pub(crate) wanted: Vec<bool>,
@@ -65,14 +65,14 @@ pub(crate) struct PlanNode {
     pub(crate) consumers: Vec<(u32, u32)>,
 }
 
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(crate) struct Edge {
     pub(crate) port: Port,
     pub(crate) reads: Reads,
 }
 
 /// Which of the producer's values each task of the consumer reads.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(crate) enum Reads {
     /// The same frame.
     Same,
@@ -84,7 +84,7 @@ pub(crate) enum Reads {
     Lists(Lists),
 }
 
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Lists {
     pub(crate) forward: Vec<Vec<u32>>,
     pub(crate) backward: Vec<Vec<u32>>,

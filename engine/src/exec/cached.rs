@@ -79,6 +79,13 @@ pub(super) struct Pruned {
     pub(super) skipped: Vec<u64>,
 }
 
+impl Pruned {
+    /// Bytes that are to be read from the cache.
+    pub(super) fn bytes(&self) -> u64 {
+        self.presets.iter().map(|(_, _, bytes)| bytes).sum()
+    }
+}
+
 /// Takes out of a plan what the cache has.
 pub(super) fn prune(graph: &Graph, plan: &mut Plan, layout: &Layout, keys: &Keys, with: &CacheUse) -> Pruned {
     let mut pruner = Pruner {

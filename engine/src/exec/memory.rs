@@ -101,6 +101,10 @@ impl Meter {
         self.live.fetch_sub(bytes as i64, Ordering::Relaxed);
     }
 
+    pub(super) fn live(&self) -> u64 {
+        self.live.load(Ordering::Relaxed).max(0) as u64
+    }
+
     pub(super) fn peak(&self) -> u64 {
         self.peak.load(Ordering::Relaxed).max(0) as u64
     }
@@ -115,6 +119,7 @@ pub(super) struct Memory {
     /// How late each value is read: what is read last is given up first.
     ranks: Vec<u32>,
     meters: Vec<Meter>,
+    total: Meter,
     states: Vec<Option<ValueType>>,
     types: Types,
     cache: Option<Arc<Cache>>,
@@ -151,6 +156,7 @@ impl Memory {
             nodes: make.slots.iter().map(|(_, node, _)| *node).collect(),
             ranks: make.slots.iter().map(|(_, _, rank)| *rank).collect(),
             meters: make.states.iter().map(|_| Meter::default()).collect(),
+            total: Meter::default(),
             states: make.states,
             types: make.types,
             cache: make.cache,
@@ -166,6 +172,21 @@ impl Memory {
 
     pub(super) fn meter(&self, node: usize) -> &Meter {
         &self.meters[node]
+    }
+
+    /// Bytes alive of all results.
+    pub(super) fn total(&self) -> &Meter {
+        &self.total
+    }
+
+    fn grow(&self, slot: usize, bytes: u64) {
+        self.meters[self.nodes[slot] as usize].grow(bytes);
+        self.total.grow(bytes);
+    }
+
+    fn shrink(&self, slot: usize, bytes: u64) {
+        self.meters[self.nodes[slot] as usize].shrink(bytes);
+        self.total.shrink(bytes);
     }
 
     /// Values and bytes that went to the spill file.
@@ -260,7 +281,7 @@ impl Memory {
                 let bytes = bytes_of(&value);
                 self.unshare(&value, bytes);
                 *charge += bytes;
-                self.meters[self.nodes[slot] as usize].shrink(bytes);
+                self.shrink(slot, bytes);
                 Ok(Fetched { slot, value, taken: true })
             }
             Held::Here(value, stored) => {
@@ -304,7 +325,7 @@ impl Memory {
         } else {
             self.count(bytes)
         }
-        self.meters[self.nodes[slot] as usize].grow(bytes);
+        self.grow(slot, bytes);
         self.share(&value, bytes);
         guard.held = Held::Here(value.clone(), stored);
         guard.pins += 1;
@@ -335,7 +356,7 @@ impl Memory {
         }
         let bytes = bytes_of(&fetched.value);
         *charge = charge.saturating_sub(bytes);
-        self.meters[self.nodes[fetched.slot] as usize].grow(bytes);
+        self.grow(fetched.slot, bytes);
         self.share(&fetched.value, bytes);
         lock(&self.slots[fetched.slot]).held = Held::Here(fetched.value, None);
         self.offer(fetched.slot, bytes);
@@ -369,7 +390,7 @@ impl Memory {
             Held::Here(value, _) => {
                 let bytes = bytes_of(&value);
                 self.unshare(&value, bytes);
-                self.meters[self.nodes[slot] as usize].shrink(bytes);
+                self.shrink(slot, bytes);
                 bytes
             }
             Held::Away(away) => {
@@ -406,7 +427,7 @@ impl Memory {
         } else {
             *charge = 0;
         }
-        self.meters[self.nodes[slot] as usize].grow(bytes);
+        self.grow(slot, bytes);
         self.share(&value, bytes);
         guard.held = Held::Here(value, known.map(Box::new));
         drop(guard);
@@ -503,7 +524,7 @@ impl Memory {
                     guard.held = Held::Away(Box::new(Away { bytes, at }));
                     self.unshare(&value, bytes);
                     drop(value);
-                    self.meters[self.nodes[slot as usize] as usize].shrink(bytes);
+                    self.shrink(slot as usize, bytes);
                     self.note_spill(bytes);
                     self.gate.release(bytes);
                     found = true;

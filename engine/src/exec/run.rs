@@ -432,7 +432,7 @@ impl<'a> Run<'a> {
             self.store(task, computed, cost + time.as_secs_f32(), charge)?;
             Ok(bytes)
         });
-        let live_bytes = self.memory.gate.used();
+        let live_bytes = self.memory.total().live();
         let bytes = *stored.as_ref().unwrap_or(&0);
         observer.done(&Done { node: index, frame: shown, thread, start, time, bytes, live_bytes });
         stored.map(drop).map_err(|error| (error, given))
@@ -679,7 +679,8 @@ impl<'a> Run<'a> {
                 .collect(),
             failures,
             kept,
-            peak_bytes: self.memory.gate.peak(),
+            peak_bytes: self.memory.total().peak(),
+            counted_bytes: self.memory.gate.peak(),
             spilled: self.memory.spilled(),
             stuck: lock(&self.stuck).take(),
             lost,
