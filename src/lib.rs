@@ -13,6 +13,7 @@ mod graph;
 mod list;
 mod observers;
 mod plan;
+mod pool;
 mod progress;
 mod replay;
 mod resources;
@@ -25,6 +26,8 @@ use std::ffi::OsString;
 
 use clap::Parser;
 use pegbar_engine::registry::Registry;
+
+pub use pool::Pool;
 
 pub use console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG};
 

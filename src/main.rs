@@ -9,6 +9,9 @@ use pegbar_engine::node::Cancel;
 
 static ASKED: AtomicBool = AtomicBool::new(false);
 
+#[global_allocator]
+static POOL: pegbar::Pool = pegbar::Pool;
+
 fn main() -> ExitCode {
     let cancel = Cancel::default();
     let handle = cancel.clone();

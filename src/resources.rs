@@ -12,6 +12,7 @@ use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 use crate::args::Resources;
 use crate::cache::chosen;
 use crate::console::Console;
+use crate::pool;
 
 /// What was asked for, made ready.
 pub(crate) struct Ready {
@@ -35,9 +36,11 @@ impl Ready {
                 Err(error) => console.say(&format!("warning: {error}; nothing is taken from the cache or kept there\n")),
             }
         }
+        let memory = args.memory.unwrap_or_else(half_of_memory);
+        pool::keep_at_most(usize::try_from(pooled(memory)).unwrap_or(usize::MAX));
         let policy = args.kept.iter().rev().find(|(node, _)| node.is_none()).map_or(Policy::Auto, |(_, policy)| *policy);
         let policies = args.kept.iter().filter_map(|(node, policy)| Some((node.clone()?, *policy))).collect();
-        Self { threads, memory: args.memory.unwrap_or_else(half_of_memory), folder, cache, policy, policies }
+        Self { threads, memory, folder, cache, policy, policies }
     }
 
     /// How a job on `graph_file` is run.
@@ -51,7 +54,14 @@ impl Ready {
             policies: &self.policies,
         });
         let spill = self.folder.as_ref().map_or_else(std::env::temp_dir, |folder| folder.join("v1").join("spill"));
-        How { threads: self.threads, memory: Some(self.memory), spill, keep, measure: Some(measure), ..How::default() }
+        How {
+            threads: self.threads,
+            memory: Some(self.memory - pooled(self.memory)),
+            spill,
+            keep,
+            measure: Some(pool::measure),
+            ..How::default()
+        }
     }
 
     /// Nodes for which something is asked though the graph does not have them.
@@ -71,15 +81,15 @@ impl Ready {
     }
 }
 
+/// The part of a budget that free blocks may have.
+fn pooled(memory: u64) -> u64 {
+    (memory / 8).min(512 << 20)
+}
+
 /// Half of the memory of the machine, or of the control group that the process is in; 2 GiB where nobody says how much that is.
 fn half_of_memory() -> u64 {
     let ram = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());
     let Ok(system) = System::new_with_specifics(ram) else { return 2 << 30 };
     let group = system.cgroup_limits().map_or(u64::MAX, |limits| limits.total_memory);
     system.total_memory().min(group) / 2
-}
-
-/// Counts what a task allocates.
-fn measure(work: &mut dyn FnMut()) -> u64 {
-    allocation_counter::measure(work).bytes_max
 }

@@ -78,8 +78,12 @@ pub(crate) fn summary(graph: &Graph, outcome: &Outcome) -> String {
         (0, _) => String::new(),
         (n, size) => format!("; {} went to disk, {}", count(usize::try_from(n).unwrap_or(usize::MAX), "value"), bytes(size)),
     };
-    let total =
-        format!("{frames} in {}, {} frames/s, peak memory of results {}{spilled}\n", duration(outcome.wall), figures(rate), bytes(report.peak_bytes));
+    let total = format!(
+        "{frames} in {}, {} frames/s, peak memory of results {}{spilled}\n",
+        duration(outcome.wall),
+        figures(rate),
+        bytes(report.peak_bytes)
+    );
     let table = if rows.len() > 1 { format!("{}\n", table(&rows)) } else { String::new() };
     format!("{table}{total}{}", files(outcome))
 }

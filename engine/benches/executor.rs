@@ -16,8 +16,9 @@ use std::time::Duration;
 
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main, measurement::WallTime};
 use pegbar_engine::array::NdArray;
+use pegbar_engine::cache::Cache;
 use pegbar_engine::check::{LoadOptions, load_text};
-use pegbar_engine::exec::{Options, execute};
+use pegbar_engine::exec::{CacheUse, Options, Policy, execute};
 use pegbar_engine::graph::Graph;
 use pegbar_engine::key::Keys;
 use pegbar_engine::node::{Context, In, List, NodeError, PerFrame};
@@ -27,9 +28,10 @@ use pegbar_engine::stamp::Files;
 use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs, Value};
 
-/// How everything here is run: the place to turn on what a show has on.
-fn options() -> Options<'static> {
-    Options::default()
+/// How everything here is run: with what a show has on, a budget and a cache. The cache is empty, and nothing here is worth keeping.
+fn options<'a>(files: &'a Files<'a>, cache: &Arc<Cache>) -> Options<'a> {
+    let cache = CacheUse { cache: cache.clone(), files, policies: &[Policy::Auto] };
+    Options { memory: Some(8 << 30), cache: Some(cache), ..Options::default() }
 }
 
 /// One number.
@@ -176,7 +178,13 @@ fn graph_of(name: &str, nodes: &[String], frames: usize) -> Option<Graph> {
 fn measure(group: &mut BenchmarkGroup<WallTime>, name: &str, nodes: &[String], frames: usize, elements: usize) {
     let Some(graph) = graph_of(name, nodes, frames) else { return };
     let target = Target { node: nodes.len() - 1, frames: None };
-    let run = || execute(&graph, std::slice::from_ref(&target), &[], &options()).is_ok_and(|r| r.is_complete());
+    let folder = tempfile::tempdir()
+        .and_then(|folder| Cache::open(folder.path(), 1 << 30).map(|cache| (Arc::new(cache), folder)).map_err(std::io::Error::other));
+    let Ok((cache, _folder)) = folder else { return eprintln!("{name}: expected a folder for a cache, found none") };
+    let run = || {
+        let files = Files::new(None);
+        execute(&graph, std::slice::from_ref(&target), &[], &options(&files, &cache)).is_ok_and(|r| r.is_complete())
+    };
     assert!(run(), "{name}: expected a complete run");
     group.throughput(Throughput::Elements(elements as u64));
     group.bench_function(name, |b| b.iter(|| black_box(run())));
