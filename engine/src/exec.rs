@@ -264,16 +264,16 @@ fn run_again(graph: &Graph, plan: Plan, sizes: &Sizes, options: &Options) -> Res
     let mut tries = 0;
     loop {
         tries += 1;
-        let report = run_once(graph, plan.clone(), sizes, options, tries == TRIES)?;
+        let report = run_once(graph, plan.clone(), sizes, options, tries)?;
         if !report.lost || tries == TRIES {
             return Ok(Report { plan: Some(plan), ..report });
         }
     }
 }
 
-fn run_once(graph: &Graph, mut plan: Plan, sizes: &Sizes, options: &Options, is_last: bool) -> Result<Report, PlanError> {
+fn run_once(graph: &Graph, mut plan: Plan, sizes: &Sizes, options: &Options, tries: usize) -> Result<Report, PlanError> {
     let layout = Layout::new(graph, &plan);
-    let with = options.cache.as_ref().filter(|_| !is_last);
+    let with = options.cache.as_ref().filter(|_| tries < TRIES);
     let Some(with) = with else {
         fits(graph, &plan, &layout, sizes, options)?;
         options.observer.planned(graph, &plan);
@@ -282,7 +282,7 @@ fn run_once(graph: &Graph, mut plan: Plan, sizes: &Sizes, options: &Options, is_
     // A file that cannot be read is told by the keys, with the node that reads it.
     let _ = with.files.prefetch(&files_of_plan(graph, &plan), options.threads);
     let keys = Keys::of(graph, &plan, with.files)?;
-    let pruned = prune(graph, &mut plan, &layout, &keys, with);
+    let pruned = prune(graph, &mut plan, &layout, &keys, with, tries > 1);
     let skipped = pruned.skipped.clone();
     fits(graph, &plan, &layout, sizes, options)?;
     options.observer.planned(graph, &plan);
@@ -332,7 +332,7 @@ pub fn preview(graph: &Graph, targets: &[Target], options: &Options) -> Result<P
     if let Some(with) = &options.cache {
         let _ = with.files.prefetch(&files_of_plan(graph, &plan), options.threads);
         let keys = Keys::of(graph, &plan, with.files)?;
-        let pruned = prune(graph, &mut plan, &layout, &keys, with);
+        let pruned = prune(graph, &mut plan, &layout, &keys, with, false);
         preview.cached_bytes = pruned.bytes();
         preview.skipped = pruned.skipped;
     }

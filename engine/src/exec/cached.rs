@@ -86,10 +86,11 @@ impl Pruned {
     }
 }
 
-/// Takes out of a plan what the cache has.
-pub(super) fn prune(graph: &Graph, plan: &mut Plan, layout: &Layout, keys: &Keys, with: &CacheUse) -> Pruned {
+/// Takes out of a plan what the cache has: what it says it has, or, where it `is_doubted`, what can be read from it.
+pub(super) fn prune(graph: &Graph, plan: &mut Plan, layout: &Layout, keys: &Keys, with: &CacheUse, is_doubted: bool) -> Pruned {
     let mut pruner = Pruner {
         graph,
+        is_doubted,
         layout,
         keys,
         with,
@@ -131,6 +132,7 @@ pub(super) fn prune(graph: &Graph, plan: &mut Plan, layout: &Layout, keys: &Keys
 
 struct Pruner<'a> {
     graph: &'a Graph,
+    is_doubted: bool,
     layout: &'a Layout,
     keys: &'a Keys,
     with: &'a CacheUse<'a>,
@@ -184,6 +186,10 @@ impl Pruner<'_> {
                 }
                 let key = self.keys.value(node, output, slot - base);
                 let Some(entry) = self.with.cache.find(&key) else { return false };
+                let state = self.graph.nodes[node].ty.operator.state_type();
+                if self.is_doubted && self.with.cache.load(&key, state.as_ref(), &self.graph.types).is_none() {
+                    return false;
+                }
                 self.found.insert(slot, (Known { digest: entry.digest, key: Some(key) }, entry.bytes));
             }
         }

@@ -2,6 +2,7 @@
 
 mod budget;
 mod bundle;
+mod cached;
 mod check;
 mod check_nodes;
 mod keys;

@@ -12,11 +12,11 @@ use crate::value::{Curve, downcast};
 
 use super::nodes::registry;
 
-const FRAMES: usize = 6;
+pub(super) const FRAMES: usize = 6;
 
 /// A node of a random graph; references are to earlier nodes.
 #[derive(Clone, Debug)]
-enum Made {
+pub(super) enum Made {
     Frame,
     Constant(f64),
     Add(usize, usize),
@@ -28,7 +28,7 @@ enum Made {
     Back(usize),
 }
 
-fn made() -> impl Strategy<Value = Vec<Made>> {
+pub(super) fn made() -> impl Strategy<Value = Vec<Made>> {
     let node = (0..7u8, any::<proptest::sample::Index>(), any::<proptest::sample::Index>(), 0..4usize, 1..=FRAMES as i64, -8..8i32);
     proptest::collection::vec(node, 1..14).prop_map(|list| {
         let one = |(i, (kind, a, b, radius, start, value)): (usize, _)| {
@@ -48,7 +48,7 @@ fn made() -> impl Strategy<Value = Vec<Made>> {
 }
 
 /// What a node gives at each frame; one value where it is the same for the whole graph.
-fn interpret(nodes: &[Made]) -> Vec<Vec<f64>> {
+pub(super) fn interpret(nodes: &[Made]) -> Vec<Vec<f64>> {
     let mut out: Vec<Vec<f64>> = Vec::new();
     for node in nodes {
         let at = |n: usize, k: usize| out[n][k.min(out[n].len() - 1)];
@@ -88,7 +88,7 @@ fn totals(frames: usize, start: usize, at: impl Fn(usize) -> f64) -> Vec<f64> {
     out
 }
 
-fn graph(nodes: &[Made]) -> Graph {
+pub(super) fn graph(nodes: &[Made]) -> Graph {
     let reference = |n: usize| match nodes[n] {
         Made::Centred(_) => format!("\"@n{n}.centred\""),
         _ => format!("\"@n{n}\""),
@@ -113,7 +113,7 @@ fn graph(nodes: &[Made]) -> Graph {
 }
 
 #[derive(Default)]
-struct Log(Mutex<Vec<(usize, Option<i64>)>>);
+pub(super) struct Log(pub(super) Mutex<Vec<(usize, Option<i64>)>>);
 
 impl Observer for Log {
     fn done(&self, done: &Done) {
