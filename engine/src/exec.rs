@@ -341,7 +341,7 @@ pub fn preview(graph: &Graph, targets: &[Target], options: &Options) -> Result<P
     preview.sizes = (0..graph.nodes.len()).map(|node| sizes.known(node)).collect();
     preview.unknown = (0..graph.nodes.len()).filter(|&n| preview.runs[n] > 0 && preview.sizes[n].is_none()).collect();
     let known: Vec<Expected> = preview.sizes.iter().map(|size| size.unwrap_or_default()).collect();
-    preview.footprint = footprint::footprint(graph, &plan, &layout, &known);
+    preview.footprint = footprint::footprint(graph, &plan, &layout, &known, usize::MAX);
     Ok(preview)
 }
 
@@ -349,7 +349,7 @@ pub fn preview(graph: &Graph, targets: &[Target], options: &Options) -> Result<P
 fn fits(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &Sizes, options: &Options) -> Result<(), PlanError> {
     let Some(limit) = options.memory else { return Ok(()) };
     sizes.set_paths(usize::MAX);
-    let Some(found) = bound_paths(graph, plan, layout, sizes, limit) else { return Ok(()) };
+    let Some(found) = bound_paths(graph, plan, layout, sizes, limit, usize::MAX) else { return Ok(()) };
     match found.least_at {
         Some((node, frame)) if found.least > limit => {
             let message = format!("expected to run in {limit} bytes of memory, found a need of {} bytes at least", found.least);
@@ -360,11 +360,11 @@ fn fits(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &Sizes, options: &Op
     }
 }
 
-/// Finds how many targets fit into the budget together; `None` where a node of the plan has never run.
-fn bound_paths(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &Sizes, limit: u64) -> Option<Footprint> {
+/// Finds how many targets fit into the budget together, by the first `targets` of them; `None` where a node of the plan has never run.
+fn bound_paths(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &Sizes, limit: u64, targets: usize) -> Option<Footprint> {
     let size = |node: usize| if plan.nodes[node].wanted.contains(&true) { sizes.known(node) } else { Some(Expected::default()) };
     let known: Vec<Expected> = (0..graph.nodes.len()).map(size).collect::<Option<_>>()?;
-    let found = footprint::footprint(graph, plan, layout, &known);
+    let found = footprint::footprint(graph, plan, layout, &known, targets);
     let more =
         limit.saturating_sub(found.peak).checked_div(found.path).map_or(usize::MAX - 1, |n| usize::try_from(n).unwrap_or(usize::MAX - 1));
     sizes.set_paths(more.saturating_add(1));

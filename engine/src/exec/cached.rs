@@ -6,6 +6,7 @@
 
 use std::collections::HashMap;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::layout::Layout;
@@ -14,10 +15,11 @@ use super::memory::{Known, Memory};
 use super::run::Task;
 use super::sizes::Sizes;
 use crate::cache::{Cache, Digest, Key};
-use crate::graph::{Graph, Port};
+use crate::graph::{Graph, GraphNode, Port};
 use crate::key::{Keys, files_of};
 use crate::node::{Computed, Kind, NodeError, OutValue};
 use crate::plan::{Plan, consumers_first};
+use crate::setting::FileUse;
 use crate::stamp::Files;
 use crate::value::{ValueRef, digest};
 
@@ -65,8 +67,11 @@ pub(super) struct Cached<'a> {
     layout: &'a Layout,
     keys: &'a Keys,
     presets: Vec<(usize, Known, u64)>,
-    /// Content keys of the tasks that run.
+    /// For each node, whether it reads files, and whether it writes some.
+    with_files: Vec<(bool, bool)>,
+    /// Content keys of the tasks that run, and how many they are.
     contents: Mutex<HashMap<(u32, u32), Key>>,
+    n_contents: AtomicUsize,
 }
 
 /// Where the results of a task lie in the cache, in the order of its ports and frames.
@@ -240,7 +245,13 @@ impl<'a> Cached<'a> {
         keys: &'a Keys,
         pruned: Pruned,
     ) -> Self {
-        Self { with, graph, plan, layout, keys, presets: pruned.presets, contents: Mutex::default() }
+        let uses = |node: &GraphNode| {
+            let uses = |use_: FileUse| node.ty.schema.inputs.iter().any(|input| input.files == use_);
+            (uses(FileUse::Read), uses(FileUse::Write))
+        };
+        let with_files = graph.nodes.iter().map(uses).collect();
+        let (contents, n_contents) = (Mutex::default(), AtomicUsize::new(0));
+        Self { with, graph, plan, layout, keys, presets: pruned.presets, with_files, contents, n_contents }
     }
 
     pub(super) fn cache(&self) -> &Arc<Cache> {
@@ -272,6 +283,7 @@ impl<'a> Cached<'a> {
         let Some(content) = self.keys.content(self.graph, self.plan, node, index, of) else { return false };
         let found = self.take(task, &content, memory);
         if !found {
+            self.n_contents.fetch_add(1, Ordering::Relaxed);
             lock(&self.contents).insert((task.node, task.index), content);
         }
         found
@@ -279,7 +291,7 @@ impl<'a> Cached<'a> {
 
     fn take(&self, task: Task, content: &Key, memory: &Memory) -> bool {
         let (node, index) = (task.node as usize, task.index as usize);
-        let files = written(self.graph, node, index);
+        let files = self.written(node, index);
         if !files.is_empty() {
             if !stands(self.with, content, &files) {
                 return false;
@@ -312,6 +324,9 @@ impl<'a> Cached<'a> {
     /// # Errors
     /// Where one of them is not.
     pub(super) fn is_as_read(&self, task: Task) -> Result<(), NodeError> {
+        if !self.with_files[task.node as usize].0 {
+            return Ok(());
+        }
         let files = files_of(self.graph, task.node as usize, task.index as usize);
         files.iter().try_for_each(|file| self.with.files.unchanged(file))
     }
@@ -319,8 +334,8 @@ impl<'a> Cached<'a> {
     /// Keeps the results of a task where that is worth it, and what files it wrote. `cost` is in seconds.
     pub(super) fn keep(&self, task: Task, computed: &Computed, cost: f32) -> Kept {
         let (node, index) = (task.node as usize, task.index as usize);
-        let content = lock(&self.contents).remove(&(task.node, task.index));
-        let files = written(self.graph, node, index);
+        let content = self.content_of(task);
+        let files = self.written(node, index);
         if !files.is_empty() {
             self.note_files(&self.keys.value(node, 0, index), &files);
             content.iter().for_each(|key| self.note_files(key, &files));
@@ -348,6 +363,20 @@ impl<'a> Cached<'a> {
             Some(Known { digest, key: is_there.then_some(key) })
         };
         values(computed).map(keep).collect::<Vec<_>>().into_iter()
+    }
+
+    fn written(&self, node: usize, index: usize) -> Vec<PathBuf> {
+        if self.with_files[node].1 { written(self.graph, node, index) } else { Vec::new() }
+    }
+
+    /// The content key of a task, if it was found before it ran.
+    fn content_of(&self, task: Task) -> Option<Key> {
+        if self.n_contents.load(Ordering::Relaxed) == 0 {
+            return None;
+        }
+        let content = lock(&self.contents).remove(&(task.node, task.index))?;
+        self.n_contents.fetch_sub(1, Ordering::Relaxed);
+        Some(content)
     }
 
     fn note_files(&self, key: &Key, files: &[PathBuf]) {

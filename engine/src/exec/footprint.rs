@@ -36,8 +36,8 @@ struct Walk<'a> {
     found: Footprint,
 }
 
-/// Walks through `plan`. Cost: O(reads).
-pub(super) fn footprint(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &[Expected]) -> Footprint {
+/// Walks through the first `targets` of `plan`. Cost: O(reads).
+pub(super) fn footprint(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &[Expected], targets: usize) -> Footprint {
     let mut walk = Walk {
         graph,
         plan,
@@ -55,7 +55,7 @@ pub(super) fn footprint(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &[Ex
             walk.each_read(node, task, |walk, producer, index| walk.readers[walk.layout.task(producer, index)] += 1);
         }
     }
-    for &(node, task) in &plan.targets {
+    for &(node, task) in plan.targets.iter().take(targets) {
         let before = walk.live;
         let peak = walk.reach(node as usize, task as usize);
         walk.found.path = walk.found.path.max(peak.saturating_sub(before));

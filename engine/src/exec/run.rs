@@ -607,7 +607,8 @@ impl<'a> Run<'a> {
     /// Once every node of a path has run, its sizes say how many of them fit into the budget together.
     fn bound_paths(&self) {
         if let Some(limit) = self.options.memory.filter(|_| self.sizes.paths() == usize::MAX) {
-            super::bound_paths(self.graph, self.plan, self.layout, self.sizes, limit);
+            // What a few hundred need, the others need too.
+            super::bound_paths(self.graph, self.plan, self.layout, self.sizes, limit, 256);
         }
     }
 
