@@ -14,17 +14,16 @@ mod memory;
 mod run;
 mod sizes;
 mod spill;
-mod sync;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::graph::{Graph, Port};
 use crate::key::{Keys, files_of_plan};
 use crate::node::{Arg, Cancel, Fault, NodeError};
 use crate::plan::{Known, Plan, PlanError, Planned, Target, plan};
+use crate::sync::{Mutex, MutexGuard, PoisonError};
 use crate::value::ValueRef;
 
 pub(crate) use run::panicked;

@@ -21,6 +21,7 @@ pub mod record;
 pub mod registry;
 pub mod setting;
 pub mod stamp;
+mod sync;
 pub mod syntax;
 pub mod value;
 pub mod why;

@@ -6,8 +6,7 @@
 
 use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use super::layout::Layout;
 use super::lock;
@@ -21,6 +20,7 @@ use crate::node::{Computed, Kind, NodeError, OutValue};
 use crate::plan::{Plan, consumers_first};
 use crate::setting::FileUse;
 use crate::stamp::Files;
+use crate::sync::{AtomicUsize, Mutex, Ordering};
 use crate::value::{ValueRef, digest};
 
 /// Which results are kept in the cache.

@@ -3,7 +3,9 @@
 
 use std::time::Duration;
 
-use super::sync::{AtomicBool, AtomicUsize, Condvar, Injector, Mutex, MutexGuard, Ordering, PoisonError, Steal, Stealer, Worker, fence};
+use crate::sync::{
+    AtomicBool, AtomicUsize, Condvar, Injector, Mutex, MutexGuard, Ordering, PoisonError, Steal, Stealer, Worker, fence, wait,
+};
 
 /// What the threads share.
 pub(super) struct Crew<T> {
@@ -89,7 +91,7 @@ impl<T> Crew<T> {
         let stuck = all && !something && !self.is_stopped() && !ends();
         while !something && !stuck && *wakes == seen && !self.is_stopped() && !ends() {
             // A run that is ended from outside has nobody to wake the sleepers, hence the bound.
-            wakes = self.wake.wait_timeout(wakes, Duration::from_millis(20)).unwrap_or_else(PoisonError::into_inner).0;
+            wakes = wait(&self.wake, wakes, Duration::from_millis(20));
         }
         drop(wakes);
         self.sleepers.fetch_sub(1, Ordering::SeqCst);

@@ -3,7 +3,7 @@
 //! A task enters with all that it will need at once, and nothing that runs ever waits for memory. A task that does not fit waits at the gate until
 //! somebody leaves. When nobody runs, everything that lies idle can be given up, so the first in the queue fits, or never will.
 
-use super::sync::{AtomicU64, Mutex, MutexGuard, Ordering, PoisonError};
+use crate::sync::{AtomicU64, Mutex, MutexGuard, Ordering, PoisonError};
 
 /// Bytes are counted in the lower bits.
 const BYTES: u64 = (1 << 47) - 1;

@@ -2,8 +2,7 @@
 
 use std::collections::{BinaryHeap, HashMap};
 use std::ops::Range;
-use std::sync::atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use super::gate::Gate;
 use super::lock;
@@ -12,6 +11,7 @@ use super::spill::{Spill, Spilled};
 use crate::cache::{Cache, Digest, Key};
 use crate::node::{Fault, NodeError, Values};
 use crate::registry::Types;
+use crate::sync::{AtomicI64, AtomicU64, AtomicUsize, Mutex, Ordering};
 use crate::value::{ValueRef, ValueType};
 
 /// What a value costs beside its arrays.

@@ -2,11 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicU32, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Instant;
-
-use crossbeam::deque::Worker;
 
 use super::cached::{Cached, Kept};
 use super::crew::{Crew, Woken};
@@ -19,6 +16,7 @@ use crate::array::{Shape, describe_shape};
 use crate::graph::{Binding, Graph, Port};
 use crate::node::{Access, Arg, Computed, Context, Fault, NodeError, OutValue, SequenceRef};
 use crate::plan::{Edge, Plan, Reads};
+use crate::sync::{AtomicBool, AtomicI64, AtomicU8, AtomicU32, AtomicUsize, Mutex, Ordering, Worker, scope};
 use crate::value::{AnyValue, ValueRef};
 
 /// One frame of one node, or the one run of a node that runs once.
@@ -82,7 +80,7 @@ pub(super) fn run(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &Sizes, ca
     let threads = options.threads.max(1);
     let workers: Vec<Worker<Task>> = (0..threads).map(|_| Worker::new_lifo()).collect();
     let run = Run::new(graph, plan, layout, sizes, cached, options, &workers);
-    std::thread::scope(|scope| {
+    scope(|scope| {
         let mut workers = workers.into_iter();
         let own = workers.next();
         for (thread, worker) in workers.enumerate() {

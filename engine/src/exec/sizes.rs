@@ -1,10 +1,10 @@
 //! What each node's tasks cost: what earlier runs say, and what this one measures.
 
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use super::NodeStats;
 use crate::graph::Graph;
+use crate::sync::{AtomicU64, AtomicUsize, Ordering};
 
 /// What a task of a node costs at most, as known from an earlier run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

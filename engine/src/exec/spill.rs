@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use crate::array::{Array, DType};
+use crate::array::{Array, DType, Data};
 use crate::value::{AnyValue, Meta, OwnedParts};
 
 /// A value that lies in the file: where each array starts, and what is small enough to stay.
@@ -71,8 +71,8 @@ impl Spill {
     pub(super) fn read(&self, spilled: &Spilled) -> io::Result<OwnedParts> {
         let file = self.lock().file.clone().ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))?;
         let array = |(name, dtype, shape, offset): &(&'static str, DType, Vec<usize>, u64)| {
-            let mut array = Array::zeros(*dtype, shape.clone());
-            read_at(&file, array.bytes_mut(), *offset)?;
+            let mut array = zeros(*dtype, shape.clone());
+            read_at(&file, bytes_mut(&mut array), *offset)?;
             Ok(((*name).to_owned(), array))
         };
         let arrays = spilled.arrays.iter().map(array).collect::<io::Result<_>>()?;
@@ -168,29 +168,25 @@ fn read_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result<()>
     Ok(())
 }
 
-impl Array {
-    fn zeros(dtype: DType, shape: Vec<usize>) -> Self {
-        use crate::array::Data;
-        let len = shape.iter().product();
-        let data = match dtype {
-            DType::F32 => Data::F32(vec![0.0; len]),
-            DType::F64 => Data::F64(vec![0.0; len]),
-            DType::I64 => Data::I64(vec![0; len]),
-            DType::U32 => Data::U32(vec![0; len]),
-            DType::U8 => Data::U8(vec![0; len]),
-        };
-        Self { shape, data }
-    }
+fn zeros(dtype: DType, shape: Vec<usize>) -> Array {
+    let len = shape.iter().product();
+    let data = match dtype {
+        DType::F32 => Data::F32(vec![0.0; len]),
+        DType::F64 => Data::F64(vec![0.0; len]),
+        DType::I64 => Data::I64(vec![0; len]),
+        DType::U32 => Data::U32(vec![0; len]),
+        DType::U8 => Data::U8(vec![0; len]),
+    };
+    Array { shape, data }
+}
 
-    fn bytes_mut(&mut self) -> &mut [u8] {
-        use crate::array::Data;
-        match &mut self.data {
-            Data::F32(v) => bytemuck::cast_slice_mut(v),
-            Data::F64(v) => bytemuck::cast_slice_mut(v),
-            Data::I64(v) => bytemuck::cast_slice_mut(v),
-            Data::U32(v) => bytemuck::cast_slice_mut(v),
-            Data::U8(v) => v,
-        }
+fn bytes_mut(array: &mut Array) -> &mut [u8] {
+    match &mut array.data {
+        Data::F32(v) => bytemuck::cast_slice_mut(v),
+        Data::F64(v) => bytemuck::cast_slice_mut(v),
+        Data::I64(v) => bytemuck::cast_slice_mut(v),
+        Data::U32(v) => bytemuck::cast_slice_mut(v),
+        Data::U8(v) => v,
     }
 }
 
