@@ -83,12 +83,13 @@ impl<T> Crew<T> {
     pub(super) fn sleep(&self, may_admit: impl Fn() -> bool, ends: impl Fn() -> bool) -> Woken {
         // A thread that is counted here holds no task.
         let all = self.sleepers.fetch_add(1, Ordering::SeqCst) + 1 == self.threads;
-        let mut wakes = self.lock();
-        let seen = *wakes;
+        let seen = *self.lock();
         fence(Ordering::SeqCst);
+        // Not under the lock: whoever rouses may hold what `may_admit` waits for. A call from here on changes the count, and is not missed.
         let empty = self.back.is_empty() && self.roots.is_empty() && self.stealers.iter().all(Stealer::is_empty);
         let something = !empty || may_admit();
         let stuck = all && !something && !self.is_stopped() && !ends();
+        let mut wakes = self.lock();
         while !something && !stuck && *wakes == seen && !self.is_stopped() && !ends() {
             // A run that is ended from outside has nobody to wake the sleepers, hence the bound.
             wakes = wait(&self.wake, wakes, Duration::from_millis(20));
