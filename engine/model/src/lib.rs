@@ -16,3 +16,4 @@ pub(crate) use engine::{exec, key, plan};
 pub(crate) use pegbar_engine::{array, cache, clock, graph, node, registry, setting, stamp, syntax, value};
 
 mod orders;
+mod runs;

@@ -23,6 +23,25 @@ pub(super) enum Pass {
     Never(u64),
 }
 
+/// Bytes that a task needs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Need {
+    /// What it is thought to need.
+    pub(super) bytes: u64,
+    /// What it is let in with where it is alone and there is no more.
+    pub(super) least: u64,
+}
+
+/// A task that asks to be let in. All of it is called under the gate's lock.
+pub(super) trait Ask {
+    /// What it needs, and will go on to need until it is let in or withdraws.
+    fn need(&mut self) -> Need;
+    /// Gives up one thing that lies idle; false where there is none. `is_alone` where nobody runs: then all that is not its own lies idle.
+    fn make_room(&mut self, is_alone: bool) -> bool;
+    /// Lets go of what it holds, as it is not let in.
+    fn withdraw(&mut self);
+}
+
 /// The bytes that are counted, the tasks that run, and those that wait.
 pub(super) struct Gate<T> {
     limit: u64,
@@ -80,33 +99,49 @@ impl<T> Gate<T> {
         self.add(bytes, ONE, CLOSED)
     }
 
-    /// Enters, or leaves the task in the queue. `need` finds the bytes, when nobody else can make room any more; `make_room` gives up one thing that
-    /// lies idle, and is false where there is none.
-    pub(super) fn enter_or_wait(&self, task: T, need: impl FnOnce() -> u64, mut make_room: impl FnMut() -> bool) -> Pass {
+    /// Enters, or leaves the task in the queue.
+    pub(super) fn enter_or_wait(&self, task: T, ask: &mut impl Ask) -> Pass {
         let mut queue = self.lock();
-        let bytes = need();
+        let need = ask.need();
         // From here on nobody enters but through the lock that we hold, so that the number of those who run only falls.
         self.state.fetch_or(CLOSED, Ordering::SeqCst);
+        let pass = self.decide(need, ask);
+        if !matches!(pass, Pass::Go(_)) {
+            // Before anybody else decides, who would find it held by one who does not run.
+            ask.withdraw();
+        }
+        if pass == Pass::Wait {
+            queue.push(task);
+        }
+        self.open(&queue);
+        pass
+    }
+
+    /// Decides, for one who has closed the gate and holds its lock.
+    fn decide(&self, need: Need, ask: &mut impl Ask) -> Pass {
         loop {
-            let is_idle = running(self.state.load(Ordering::SeqCst)) == 0;
-            if self.add(bytes, ONE, 0) {
-                self.open(&queue);
-                return Pass::Go(bytes);
+            let is_alone = running(self.state.load(Ordering::SeqCst)) == 0;
+            if self.add(need.bytes, ONE, 0) {
+                return Pass::Go(need.bytes);
             }
-            if make_room() {
+            if ask.make_room(is_alone) {
                 continue;
             }
-            if is_idle {
-                self.open(&queue);
-                return Pass::Never(bytes);
+            if is_alone {
+                return if self.add(need.least, ONE, 0) { Pass::Go(need.least) } else { Pass::Never(need.least) };
             }
             // If the last one left while room was sought, what it held may be given up now. Otherwise whoever leaves finds the gate closed, and
             // comes for the queue as soon as we let go of it.
             if running(self.state.load(Ordering::SeqCst)) > 0 {
-                queue.push(task);
                 return Pass::Wait;
             }
         }
+    }
+
+    /// Enters in any case, without bytes: for one who only gives back. Nobody who decides takes what is on its way back for something that stays.
+    pub(super) fn step_in(&self) {
+        let _queue = self.lock();
+        self.state.fetch_add(ONE, Ordering::SeqCst);
     }
 
     /// Leaves: gives the bytes back, and takes all who wait along, to be tried again.

@@ -416,7 +416,7 @@ impl Memory {
         let bytes = bytes_of(&value);
         if *charge >= bytes {
             *charge -= bytes;
-        } else if !self.gate.reserve(bytes - *charge) && !self.gate.reserve_with(bytes - *charge, || self.spill_one(Some(slot))) {
+        } else if !self.gate.reserve(bytes - *charge) && !self.gate.reserve_with(bytes - *charge, || self.spill_one(Some(slot), false)) {
             let at = match known {
                 Some(Known { digest, key: Some(key) }) => At::Cache(key, digest),
                 _ => At::Spill(self.spill.write(value.as_ref()).map_err(|e| self.no_room(bytes, &e))?),
@@ -483,21 +483,24 @@ impl Memory {
         }
     }
 
-    /// Gives up one value that lies idle; false where there is none.
-    pub(super) fn make_room(&self) -> bool {
-        self.spill_one(None)
+    /// Gives up one value that lies idle; false where there is none. Only where `is_alone`, so that nobody who runs may hold a lock, is it sure that
+    /// there is none.
+    pub(super) fn make_room(&self, is_alone: bool) -> bool {
+        self.spill_one(None, is_alone)
     }
 
     /// As [`Memory::make_room`], by one who holds the lock of the slot `mine`.
-    fn spill_one(&self, mine: Option<usize>) -> bool {
+    fn spill_one(&self, mine: Option<usize>, is_alone: bool) -> bool {
         let mut kept = Vec::new();
         let mut found = false;
         while let Some((rank, slot)) = { lock(&self.victims).pop() } {
             if Some(slot as usize) == mine {
                 continue;
             }
-            // Whoever holds the lock of a slot is reading or filling it, so that it is no victim now.
-            let Ok(mut guard) = self.slots[slot as usize].try_lock() else {
+            // Whoever runs and holds the lock of a slot is reading or filling it, so that it is no victim now, and may wait for us. Whoever does not
+            // run only has a look.
+            let guard = if is_alone { Some(lock(&self.slots[slot as usize])) } else { self.slots[slot as usize].try_lock().ok() };
+            let Some(mut guard) = guard else {
                 kept.push((rank, slot));
                 continue;
             };
@@ -616,7 +619,7 @@ impl SlotValues {
             return Ok(());
         }
         let more = bytes - window.room;
-        if gate.reserve_with(more, || self.memory.make_room()) {
+        if gate.reserve_with(more, || self.memory.make_room(false)) {
             (window.room, window.total) = (window.room + more, window.total + more);
             return Ok(());
         }

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use super::cached::{Cached, Kept};
 use super::crew::{Crew, Woken};
-use super::gate::Pass;
+use super::gate::{Ask, Need, Pass};
 use super::layout::Layout;
 use super::memory::{Fetched, Make, Memory, Missed, SlotValues, bytes_of};
 use super::sizes::Sizes;
@@ -66,6 +66,33 @@ struct Desk {
     sequences: Vec<Arc<SlotValues>>,
     sequence_slots: Vec<std::ops::Range<usize>>,
     briefs: Vec<Brief>,
+}
+
+/// A task at the gate.
+struct Asking<'a, S> {
+    memory: &'a Memory,
+    /// What it reads.
+    slots: S,
+    /// What of that is held in memory.
+    pins: &'a mut Vec<usize>,
+    /// Bytes for itself, as far as they are known, and the least.
+    own: u64,
+    least: u64,
+}
+
+impl<S: Iterator<Item = usize>> Ask for Asking<'_, S> {
+    fn need(&mut self) -> Need {
+        let load = self.memory.pin(self.slots.by_ref(), self.pins);
+        Need { bytes: self.own + load, least: self.least + load }
+    }
+
+    fn make_room(&mut self, is_alone: bool) -> bool {
+        self.memory.make_room(is_alone)
+    }
+
+    fn withdraw(&mut self) {
+        self.pins.drain(..).for_each(|slot| self.memory.unpin(slot));
+    }
 }
 
 /// What came of an attempt to perform a task.
@@ -249,8 +276,9 @@ impl<'a> Run<'a> {
     fn pass_over(&self, task: Task) {
         let edges = &self.plan.nodes[task.node as usize].edges;
         let slots = edges.iter().flat_map(|edge| self.layout.reads(edge, task.index as usize));
+        self.memory.gate.step_in();
         let freed = slots.map(|slot| self.memory.release(slot)).sum();
-        self.memory.gate.release(freed);
+        self.crew.hand_back(self.memory.gate.leave(freed));
     }
 
     fn attempt(&self, task: Task, thread: usize, desk: &mut Desk) -> Attempt {
@@ -332,17 +360,12 @@ impl<'a> Run<'a> {
                 return Ok(Some(need));
             }
         }
-        match gate.enter_or_wait(task, || own + self.memory.pin(slots(), pins), || self.memory.make_room()) {
+        // A guess is no reason to refuse it.
+        let least = window + known.unwrap_or(0);
+        match gate.enter_or_wait(task, &mut Asking { memory: &self.memory, slots: slots(), pins, own, least }) {
             Pass::Go(need) => Ok(Some(need)),
             Pass::Wait => Ok(None),
-            Pass::Never(need) => {
-                // A guess is no reason to refuse it.
-                let least = need - own + window;
-                match known {
-                    None if gate.enter(least) => Ok(Some(least)),
-                    _ => Err(Some(self.too_large(least, known.unwrap_or(0)))),
-                }
-            }
+            Pass::Never(need) => Err(Some(self.too_large(need - known.unwrap_or(0), known.unwrap_or(0)))),
         }
     }
 
