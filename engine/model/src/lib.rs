@@ -16,4 +16,5 @@ pub(crate) use engine::{exec, key, plan};
 pub(crate) use pegbar_engine::{array, cache, clock, graph, node, registry, setting, stamp, syntax, value};
 
 mod orders;
+mod parts;
 mod runs;
