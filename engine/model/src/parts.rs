@@ -26,14 +26,22 @@ struct Job {
     more: u64,
     /// Bytes that it leaves behind, out of those that it needs.
     left: u64,
+    /// Those that it reads.
+    reads: Vec<usize>,
     /// Who waits for it.
     readers: Vec<usize>,
     /// What it waits for: those that it reads, and admission.
     pending: AtomicU32,
     runs: AtomicU32,
     refusals: AtomicU32,
-    /// What it left behind, until that is given up.
-    idle: Mutex<u64>,
+    idle: Mutex<Idle>,
+}
+
+/// What a job left behind, until that is given up, and how many hold it.
+#[derive(Default)]
+struct Idle {
+    bytes: u64,
+    pins: u32,
 }
 
 /// Jobs, each after those that it reads.
@@ -48,12 +56,13 @@ fn jobs(n: usize) -> Vec<Job> {
             least,
             guess: if rng.gen_range(0..2) == 0 { least } else { least + LIMIT / 2 },
             more: rng.gen_range(0..3),
-            left: rng.gen_range(0..least + 1),
+            left: if rng.gen_ratio(1, 4) { 0 } else { rng.gen_range(1..5u64).min(least) },
+            reads: reads.clone(),
             readers: Vec::new(),
             pending: AtomicU32::new(reads.len() as u32 + 1),
             runs: AtomicU32::new(0),
             refusals: AtomicU32::new(0),
-            idle: Mutex::new(0),
+            idle: Mutex::default(),
         });
     }
     jobs
@@ -78,22 +87,34 @@ struct Plant {
 struct Asking<'a> {
     plant: &'a Plant,
     job: usize,
-    holds: bool,
+    pins: Vec<usize>,
 }
 
 impl Ask for Asking<'_> {
     fn need(&mut self) -> Need {
-        self.holds = true;
-        Need { bytes: self.plant.jobs[self.job].guess, least: self.plant.jobs[self.job].least }
+        let job = &self.plant.jobs[self.job];
+        let mut load = 0;
+        for &read in &job.reads {
+            let read_job = &self.plant.jobs[read];
+            let mut idle = read_job.idle.lock().unwrap();
+            if idle.bytes > 0 {
+                idle.pins += 1;
+                self.pins.push(read);
+            } else {
+                load += read_job.left;
+            }
+        }
+        Need { bytes: job.guess + load, least: job.least + load }
     }
 
     fn make_room(&mut self, is_alone: bool) -> bool {
         for job in &self.plant.jobs {
             let idle = if is_alone { job.idle.lock().ok() } else { job.idle.try_lock().ok() };
             if let Some(mut idle) = idle
-                && *idle > 0
+                && idle.bytes > 0
+                && idle.pins == 0
             {
-                self.plant.gate.release(std::mem::take(&mut *idle));
+                self.plant.gate.release(std::mem::take(&mut idle.bytes));
                 return true;
             }
         }
@@ -101,7 +122,7 @@ impl Ask for Asking<'_> {
     }
 
     fn withdraw(&mut self) {
-        self.holds = false;
+        self.pins.drain(..).for_each(|read| self.plant.jobs[read].idle.lock().unwrap().pins -= 1);
     }
 }
 
@@ -131,7 +152,7 @@ impl Plant {
         });
         assert!(self.gate.peak() <= LIMIT);
         assert_eq!(self.inside.load(SeqCst), 0);
-        let idle: u64 = self.jobs.iter().map(|job| *job.idle.lock().unwrap()).sum();
+        let idle: u64 = self.jobs.iter().map(|job| job.idle.lock().unwrap().bytes).sum();
         assert_eq!(self.gate.used(), idle, "what is counted is there");
         let most = self.jobs.iter().map(|job| job.runs.load(SeqCst) + job.refusals.load(SeqCst)).max();
         assert!(most <= Some(1), "no job twice");
@@ -178,26 +199,28 @@ impl Plant {
         *self.next.lock().unwrap() < self.jobs.len() && self.in_flight.load(SeqCst) < self.bound
     }
 
-    fn enter(&self, i: usize) -> Pass {
-        let job = &self.jobs[i];
-        if self.gate.enter(job.guess) {
-            return Pass::Go(job.guess);
+    fn enter(&self, ask: &mut Asking) -> Pass {
+        let job = &self.jobs[ask.job];
+        let left = |&read: &usize| if self.jobs[read].idle.lock().unwrap().bytes > 0 { 0 } else { self.jobs[read].left };
+        let bytes = job.guess + job.reads.iter().map(left).sum::<u64>();
+        if self.gate.enter(bytes) {
+            if ask.need().bytes <= bytes {
+                return Pass::Go(bytes);
+            }
+            // Something was given up meanwhile.
+            ask.withdraw();
+            self.crew.hand_back(self.gate.leave(bytes));
         }
-        let mut ask = Asking { plant: self, job: i, holds: false };
-        let pass = self.gate.enter_or_wait(i, &mut ask);
-        assert_eq!(ask.holds, matches!(pass, Pass::Go(_)), "who is not let in lets go");
-        pass
+        self.gate.enter_or_wait(ask.job, ask)
     }
 
     fn perform(&self, i: usize, own: &Worker<usize>) {
         let job = &self.jobs[i];
-        match self.enter(i) {
+        let mut ask = Asking { plant: self, job: i, pins: Vec::new() };
+        match self.enter(&mut ask) {
             Pass::Wait => return,
-            Pass::Never(bytes) => {
-                assert!(bytes > LIMIT, "{bytes} fit");
-                job.refusals.fetch_add(1, SeqCst);
-            }
-            Pass::Go(bytes) => self.inside(job, bytes),
+            Pass::Never(_) => _ = job.refusals.fetch_add(1, SeqCst),
+            Pass::Go(bytes) => self.inside(job, bytes, &mut ask),
         }
         for &reader in &job.readers {
             if self.jobs[reader].pending.fetch_sub(1, SeqCst) == 1 {
@@ -216,17 +239,17 @@ impl Plant {
     }
 
     /// Runs a job that was let in.
-    fn inside(&self, job: &Job, mut bytes: u64) {
+    fn inside(&self, job: &Job, mut bytes: u64, ask: &mut Asking) {
         assert!(bytes >= job.least);
         job.runs.fetch_add(1, SeqCst);
         self.has(bytes, 0);
-        let mut ask = Asking { plant: self, job: 0, holds: false };
         if job.more > 0 && self.gate.reserve_with(job.more, || ask.make_room(false)) {
             self.has(job.more, 0);
             bytes += job.more;
         }
         self.has(0, bytes);
-        *job.idle.lock().unwrap() = job.left;
+        job.idle.lock().unwrap().bytes = job.left;
+        ask.withdraw();
         self.crew.hand_back(self.gate.leave(bytes - job.left));
     }
 
@@ -248,7 +271,8 @@ fn each_job_runs_once_unless_it_never_fits() {
         plant.run(workers);
         assert_eq!(plant.told.load(SeqCst), 0, "nothing is stuck");
         for job in &plant.jobs {
-            let fits = u32::from(job.least <= LIMIT);
+            let inputs: u64 = job.reads.iter().map(|&read| plant.jobs[read].left).sum();
+            let fits = u32::from(job.least + inputs <= LIMIT);
             assert_eq!((job.runs.load(SeqCst), job.refusals.load(SeqCst)), (fits, 1 - fits));
         }
     });

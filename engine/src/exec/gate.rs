@@ -127,14 +127,11 @@ impl<T> Gate<T> {
             if ask.make_room(is_alone) {
                 continue;
             }
-            if is_alone {
-                return if self.add(need.least, ONE, 0) { Pass::Go(need.least) } else { Pass::Never(need.least) };
-            }
-            // If the last one left while room was sought, what it held may be given up now. Otherwise whoever leaves finds the gate closed, and
-            // comes for the queue as soon as we let go of it.
-            if running(self.state.load(Ordering::SeqCst)) > 0 {
+            // Whoever ran when we looked finds the gate closed when it leaves, and comes for the queue as soon as we let go of it.
+            if !is_alone {
                 return Pass::Wait;
             }
+            return if self.add(need.least, ONE, 0) { Pass::Go(need.least) } else { Pass::Never(need.least) };
         }
     }
 
