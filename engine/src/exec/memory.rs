@@ -585,13 +585,18 @@ impl SlotValues {
         Self { memory, slots, window: Mutex::new(Window { room, total: room, held: Vec::new(), lent: Vec::new(), lost: false }) }
     }
 
-    /// Lets go of all; gives the bytes that were counted, and whether a value was gone from the disk.
-    pub(super) fn close(&self) -> (u64, bool) {
+    /// Lets go of all; gives the bytes that were counted.
+    pub(super) fn close(&self) -> u64 {
         let mut window = lock(&self.window);
         window.held.clear();
         window.lent.drain(..).for_each(|(slot, _)| self.memory.unpin(slot));
         window.room = 0;
-        (std::mem::take(&mut window.total), window.lost)
+        std::mem::take(&mut window.total)
+    }
+
+    /// True where a value was gone from the disk.
+    pub(super) fn is_lost(&self) -> bool {
+        lock(&self.window).lost
     }
 
     /// Lets those values leave memory that the node has let go of.

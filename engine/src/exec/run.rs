@@ -95,6 +95,17 @@ impl<S: Iterator<Item = usize>> Ask for Asking<'_, S> {
     }
 }
 
+/// Sends everybody home where a thread panics outside of a node, so that the panic is seen rather than waited for.
+struct AllOrNone<'a>(&'a Crew<Task>);
+
+impl Drop for AllOrNone<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.stop();
+        }
+    }
+}
+
 /// What came of an attempt to perform a task.
 enum Attempt {
     Done(bool),
@@ -179,6 +190,7 @@ impl<'a> Run<'a> {
 
     fn work(&self, thread: usize, own: &Worker<Task>) {
         let mut desk = Desk::default();
+        let _all = AllOrNone(&self.crew);
         let ends = || self.options.cancel.is_cancelled();
         loop {
             if self.crew.is_stopped() {
@@ -299,19 +311,18 @@ impl<'a> Run<'a> {
             }
         };
         let result = self.compute(task, thread, &mut charge, desk);
-        let lost = self.close(charge, desk);
-        match result {
-            Ok(()) => Attempt::Done(true),
-            // What the node says of a value that is gone is of no interest.
-            Err(_) if lost => {
+        let fine = result.is_ok();
+        if let Err((error, given)) = result {
+            if desk.sequences.iter().any(|s| s.is_lost()) {
+                // What the node says of a value that is gone is of no interest.
                 self.lost.store(true, Ordering::Relaxed);
-                Attempt::Done(false)
-            }
-            Err((error, given)) => {
+            } else {
+                // Whoever is told may read what the node was given, so that this comes before it is let go of.
                 self.fail(task, error, &desk.briefs, given);
-                Attempt::Done(false)
             }
         }
+        self.close(charge, desk);
+        Attempt::Done(fine)
     }
 
     /// Bytes for what a node reads of its sequences: one value of each at a time, at the least.
@@ -410,7 +421,7 @@ impl<'a> Run<'a> {
             self.memory.put_back(fetched, &mut charge);
         }
         for sequence in desk.sequences.drain(..) {
-            charge += sequence.close().0;
+            charge += sequence.close();
         }
         desk.sequence_slots.clear();
         self.crew.hand_back(self.memory.gate.leave(charge));
@@ -459,19 +470,12 @@ impl<'a> Run<'a> {
         stored.map(drop).map_err(|error| (error, given))
     }
 
-    /// Gives back what a task had; true where a value of a sequence was gone from the disk.
-    fn close(&self, charge: u64, desk: &mut Desk) -> bool {
-        let mut freed = charge;
-        let mut lost = false;
-        for sequence in desk.sequences.drain(..) {
-            let (bytes, gone) = sequence.close();
-            freed += bytes;
-            lost |= gone;
-        }
+    /// Gives back what a task had.
+    fn close(&self, charge: u64, desk: &mut Desk) {
+        let mut freed = charge + desk.sequences.drain(..).map(|s| s.close()).sum::<u64>();
         freed += desk.borrowed.drain(..).map(|slot| self.memory.release_held(slot)).sum::<u64>();
         freed += desk.sequence_slots.drain(..).flatten().map(|slot| self.memory.release(slot)).sum::<u64>();
         self.crew.hand_back(self.memory.gate.leave(freed));
-        lost
     }
 
     /// Seconds that it would take to have the inputs again.
