@@ -1,7 +1,11 @@
 //! Files that are there whole or not at all: written under another name in the same folder, then renamed.
+//!
+//! A process that is killed leaves the file under the other name behind. Its writer held a lock on it, which is gone with the process, so that whoever
+//! writes the same file next can tell, and removes it.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
-use std::fs::File;
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -63,14 +67,54 @@ pub fn write<E: Display>(path: &Path, contents: impl FnOnce(&mut BufWriter<&File
     Ok(())
 }
 
-/// A file in `folder` with a name like that of `path`, gone with the value unless it is renamed.
+/// What the name of a temporary file ends with.
+const PART: &str = ".part";
+/// Letters and digits before that.
+const RANDOM: usize = 6;
+
+/// The part of a file's name that its temporary files share. A long name with the random part added could be longer than names may be.
+fn stem(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().chars().take(40).collect()
+}
+
+/// Removes what processes that were killed left behind when they wrote `files`. What others are writing stays.
+pub(crate) fn sweep<'a>(files: impl IntoIterator<Item = &'a Path>) {
+    let mut folders: BTreeMap<&Path, BTreeSet<String>> = BTreeMap::new();
+    for (folder, file) in files.into_iter().filter_map(|file| Some((file.parent()?, file))) {
+        folders.entry(folder).or_default().insert(stem(file));
+    }
+    folders.iter().for_each(|(folder, stems)| sweep_folder(folder, |stem| stems.contains(stem)));
+}
+
+/// As [`sweep`], of all files in a folder for whose names `is_ours`.
+pub(crate) fn sweep_folder(folder: &Path, is_ours: impl Fn(&str) -> bool) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let parts = name.to_str().and_then(|n| n.strip_prefix('.')?.strip_suffix(PART)?.rsplit_once('.'));
+        if parts.is_some_and(|(stem, random)| random.len() == RANDOM && is_ours(stem)) {
+            // Whoever writes it holds its lock. What cannot be looked at or removed harms nobody.
+            let free = OpenOptions::new().append(true).open(entry.path()).ok().filter(|file| file.try_lock().is_ok());
+            let _ = free.map(|_locked| std::fs::remove_file(entry.path()));
+        }
+    }
+}
+
+/// A file in `folder` with a name like that of `path`, gone with the value unless it is renamed, and locked, so that nobody takes it for left behind.
 pub(crate) fn temporary_in(folder: &Path, path: &Path) -> io::Result<tempfile::NamedTempFile> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    // A long name with the random part added could be longer than names may be.
-    let stem: String = name.chars().take(40).collect();
-    let prefix = format!(".{stem}.");
+    loop {
+        let temporary = create_in(folder, path)?;
+        let is_taken = matches!(temporary.as_file().try_lock(), Err(TryLockError::WouldBlock));
+        // Between the making and the locking somebody may have swept it away.
+        if !is_taken && temporary.path().exists() {
+            return Ok(temporary);
+        }
+    }
+}
+
+fn create_in(folder: &Path, path: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let prefix = format!(".{}.", stem(path));
     let mut builder = tempfile::Builder::new();
-    builder.prefix(&prefix).suffix(".part");
+    builder.prefix(&prefix).rand_bytes(RANDOM).suffix(PART);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -140,6 +184,28 @@ mod tests {
         let error = put(&folder.path().join("file/below.txt"), "x").unwrap_err().to_string();
         assert!(error.contains("making its folder failed"), "{error}");
         assert_eq!(names(folder.path()), ["file"]);
+    }
+
+    #[test]
+    fn what_killed_writers_left_is_swept_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let (ours, long) = (folder.path().join("hat.1.png"), folder.path().join("x".repeat(200)));
+        let living = temporary_in(folder.path(), &ours).unwrap();
+        for path in [&ours, &long, &folder.path().join("other.png")] {
+            // As it is left by a process that is gone: without a lock.
+            let (file, path) = create_in(folder.path(), path).unwrap().keep().unwrap();
+            drop((file, path));
+        }
+        std::fs::write(folder.path().join(".hat.1.png.part"), "of another program").unwrap();
+        put(&ours, "whole").unwrap();
+        assert_eq!(names(folder.path()).len(), 6);
+        sweep([ours.as_path(), long.as_path()]);
+        let left = names(folder.path());
+        assert!(left.len() == 4 && living.path().exists(), "{left:?}");
+        assert!(left.iter().any(|n| n.starts_with(".other.png.")) && left.contains(&".hat.1.png.part".to_owned()), "{left:?}");
+        living.persist(&ours).unwrap();
+        sweep_folder(folder.path(), |_| true);
+        assert_eq!(names(folder.path()), [".hat.1.png.part", "hat.1.png"]);
     }
 
     #[cfg(target_os = "linux")]

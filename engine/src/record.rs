@@ -438,6 +438,7 @@ impl Records {
             serde_json::to_writer(&mut *out, record)?;
             out.flush()
         })?;
+        atomic::sweep_folder(&self.folder, |_| true);
         there.truncate((there.len() + 1).saturating_sub(KEPT));
         // One that stays is removed the next time.
         there.into_iter().for_each(|(_, old)| drop(std::fs::remove_file(old)));
