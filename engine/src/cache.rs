@@ -299,6 +299,7 @@ impl Cache {
         }
         folder.logs().map_err(failed("reading the index"))?;
         tag(&folder);
+        crate::atomic::sweep_folder(&folder.temporary(), |_| true);
         let mut cache = Self {
             presence: RwLock::new(folder.presence()),
             folder,
@@ -496,7 +497,11 @@ impl Cache {
 
     /// The parts of a value, whose digest is what it has to be.
     fn read(&self, digest: &Digest, ty: &str, place: &Place, stored: u64) -> Result<OwnedParts, Miss> {
-        let io = |error: io::Error| if error.kind() == io::ErrorKind::NotFound { Miss::Gone } else { Miss::Unreadable(error) };
+        let io = |error: io::Error| match error.kind() {
+            // A file may stand where the folder was.
+            io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => Miss::Gone,
+            _ => Miss::Unreadable(error),
+        };
         let parts = match place {
             Place::Inline(data, at) => parts(Cursor::new(data.read(*at, stored).map_err(io)?), stored),
             Place::Blob => {

@@ -7,15 +7,17 @@ mod frames;
 mod history;
 mod tap;
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::atomic;
 use crate::diag::{Diagnostic, Label, Severity};
 use crate::exec::{CacheUse, Failure, Measure, Observer, Options, Preview, Report, Silent, execute, preview};
 use crate::graph::{Graph, Port};
-use crate::node::{Cancel, Kind, NodeError};
+use crate::node::{Cancel, Fault, Kind, NodeError};
 use crate::plan::{PlanError, Target};
 use crate::stamp::{Files, Memo};
 
@@ -213,14 +215,17 @@ impl Job {
         }
     }
 
-    /// Makes the output folder and tries to write into it, so that a run does not end in an error that was there from the start.
+    /// Makes the output folder and tries to write into it, so that a run does not end in an error that was there from the start; and removes what
+    /// killed runs left there half written.
     ///
     /// # Errors
     /// Where the folder cannot be made or written.
     pub fn prepare(&self) -> Result<(), Box<Diagnostic>> {
-        if self.taps.is_empty() && self.files().is_empty() {
+        let files = self.files();
+        if self.taps.is_empty() && files.is_empty() {
             return Ok(());
         }
+        atomic::sweep(files.iter().map(|(_, file)| file.as_path()));
         let made = std::fs::create_dir_all(&self.out).and_then(|()| tempfile::tempfile_in(&self.out).map(drop));
         made.map_err(|error| {
             let message = format!("expected an output folder that can be written at {}, found: {error}", self.out.display());
@@ -285,18 +290,19 @@ impl Job {
         work(&options, history.as_ref())
     }
 
-    /// One diagnostic for each node and message, in the order of the graph; messages that differ in the frame's number alone are one, told by its first.
+    /// One diagnostic for each node and message, in the order of the graph; messages that differ in the frame's number alone are one, told by its
+    /// first; and limits that differ in what was found are one, told by the largest.
     fn failures(&self, failures: &[Failure]) -> Vec<Diagnostic> {
         let mut groups: BTreeMap<(usize, String), Vec<&Failure>> = BTreeMap::new();
         for failure in failures.iter().filter(|f| !f.error.cancelled) {
-            groups.entry((failure.node, without_frame(&failure.error.message, failure.frame))).or_default().push(failure);
+            groups.entry((failure.node, gist(failure))).or_default().push(failure);
         }
-        groups
-            .into_iter()
-            .filter_map(|((node, _), group)| {
-                Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))
-            })
-            .collect()
+        let told = |((node, _), mut group): ((usize, String), Vec<&Failure>)| {
+            // Of two numbers the larger is the longer, or comes later in the alphabet.
+            group.sort_by_key(|f| (f.error.fault == Fault::Limit).then(|| Reverse((f.error.message.len(), f.error.message.clone()))));
+            Some(self.failed(node, group.iter().filter_map(|f| f.frame).collect(), &group.first()?.error, &group.first()?.inputs))
+        };
+        groups.into_iter().filter_map(told).collect()
     }
 
     fn failed(&self, node: usize, mut frames: Vec<i64>, error: &NodeError, inputs: &[String]) -> Diagnostic {
@@ -412,16 +418,24 @@ fn nothing_to_run(graph: &Graph) -> Diagnostic {
     }
 }
 
-/// The message with the frame's number, however padded, left open.
-fn without_frame(message: &str, frame: Option<i64>) -> String {
-    let Some(frame) = frame else { return message.to_owned() };
+/// What failures that are told as one have in common: the message with the frame's number, however padded, left open; of a limit with every number.
+fn gist(failure: &Failure) -> String {
+    let message = &failure.error.message;
+    match failure.frame {
+        _ if failure.error.fault == Fault::Limit => without(message, |_| true),
+        Some(frame) => without(message, |number| number.parse() == Ok(frame.unsigned_abs())),
+        None => message.clone(),
+    }
+}
+
+fn without(message: &str, is_open: impl Fn(&str) -> bool) -> String {
     let mut out = String::with_capacity(message.len());
     let mut rest = message;
     while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
         let digits = rest[start..].bytes().take_while(u8::is_ascii_digit).count();
         let (before, number) = (&rest[..start], &rest[start..start + digits]);
         out.push_str(before);
-        out.push_str(if number.parse() == Ok(frame.unsigned_abs()) { "#" } else { number });
+        out.push_str(if is_open(number) { "#" } else { number });
         rest = &rest[start + digits..];
     }
     out + rest
