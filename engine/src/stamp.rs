@@ -60,8 +60,8 @@ struct Seen {
 }
 
 /// What a file system says of a file; times in nanoseconds since 1970.
-#[derive(Clone, Copy, PartialEq, Eq)]
-struct Stamp {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamp {
     length: u64,
     modified: i128,
     changed: i128,
@@ -162,11 +162,18 @@ impl<'a> Files<'a> {
         errors.into_inner().unwrap_or_else(PoisonError::into_inner).into_values().next().map_or(Ok(()), Err)
     }
 
-    /// To be asked after a node has read a file: is it still the one whose digest went into the keys?
+    /// To be asked before a node reads a file, for [`Files::unchanged`]; `None` where it is not there.
+    pub fn stamp(&self, path: &Path) -> Option<Stamp> {
+        std::fs::metadata(path).ok().map(|m| Stamp::of(&m))
+    }
+
+    /// To be asked after a node has read a file, with its stamp from before: was it the one whose digest went into the keys?
+    ///
+    /// That its content is right now is not enough: it may have been another and been put back while the node read it.
     ///
     /// # Errors
-    /// Where its content is another than when its digest was found, or nobody has asked for its digest.
-    pub fn unchanged(&self, path: &Path) -> Result<(), NodeError> {
+    /// Where its content is another than when its digest was found, it was written while the node ran, or nobody has asked for its digest.
+    pub fn unchanged(&self, path: &Path, started: Option<Stamp>) -> Result<(), NodeError> {
         let Some(before) = self.lock().get(path).copied() else {
             return Err(changed(path, "one that was not there when the keys were made"));
         };
@@ -176,7 +183,7 @@ impl<'a> Files<'a> {
         }
         // Touched, or so new that its stamp says little: its content has the word.
         let now = self.look(path)?;
-        if now.digest != before.digest {
+        if now.digest != before.digest || Some(now.stamp) != started {
             return Err(changed(path, "it changed"));
         }
         self.lock().insert(path.to_owned(), now);
@@ -256,6 +263,11 @@ mod tests {
         Files { now: later, ..Files::new(Some(memo)) }
     }
 
+    /// A node reads the file.
+    fn check(files: &Files, path: &Path) -> Result<(), NodeError> {
+        files.unchanged(path, files.stamp(path))
+    }
+
     fn put(folder: &tempfile::TempDir, name: &str, text: &str) -> PathBuf {
         let path = folder.path().join(name);
         std::fs::write(&path, text).unwrap();
@@ -323,18 +335,48 @@ mod tests {
         for files in [files(&notes), Files::new(None)] {
             put(&folder, "f", "one");
             files.digest(&path).unwrap();
-            files.unchanged(&path).unwrap();
+            check(&files, &path).unwrap();
             put(&folder, "f", "one");
-            files.unchanged(&path).unwrap_or_else(|e| panic!("written again with the same content: {e}"));
+            check(&files, &path).unwrap_or_else(|e| panic!("written again with the same content: {e}"));
             put(&folder, "f", "two");
-            let error = files.unchanged(&path).unwrap_err();
+            let error = check(&files, &path).unwrap_err();
             let expected = format!("expected {} to stay as it was while the graph runs, found it changed", path.display());
             assert_eq!((error.message, error.fault), (expected, Fault::Io));
             assert_eq!(error.help.as_deref(), Some("run again once nothing writes to it"));
             assert_eq!(files.digest(&path).unwrap(), *blake3::hash(b"one").as_bytes(), "the keys stay");
             std::fs::remove_file(&path).unwrap();
-            assert!(files.unchanged(&path).unwrap_err().message.contains("found it gone"));
-            assert!(files.unchanged(&other).unwrap_err().message.contains("not there when the keys were made"));
+            assert!(check(&files, &path).unwrap_err().message.contains("found it gone"));
+            assert!(check(&files, &other).unwrap_err().message.contains("not there when the keys were made"));
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_another_while_a_node_reads_it_and_is_put_back_is_told() {
+        let (folder, notes) = (tempfile::tempdir().unwrap(), Notes::default());
+        let path = put(&folder, "f", "one");
+        let set = |text: &str, hours: u64| {
+            put(&folder, "f", text);
+            let file = std::fs::File::options().append(true).open(&path).unwrap();
+            file.set_modified(UNIX_EPOCH + Duration::from_secs(hours * 3600)).unwrap();
+        };
+        for files in [files(&notes), Files::new(None)] {
+            set("one", 1);
+            files.digest(&path).unwrap();
+            // Put back before the node starts, it is what it was.
+            set("two", 2);
+            set("one", 3);
+            let started = files.stamp(&path);
+            files.unchanged(&path, started).unwrap();
+            set("two", 4);
+            set("one", 5);
+            assert!(files.unchanged(&path, started).unwrap_err().message.contains("found it changed"));
+            let two = {
+                set("two", 6);
+                files.stamp(&path)
+            };
+            set("one", 7);
+            assert!(files.unchanged(&path, two).is_err());
+            assert!(files.unchanged(&path, None).is_err(), "it was not there when the node started");
         }
     }
 

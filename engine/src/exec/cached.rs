@@ -19,7 +19,7 @@ use crate::key::{Keys, files_of};
 use crate::node::{Computed, Kind, NodeError, OutValue};
 use crate::plan::{Plan, consumers_first};
 use crate::setting::FileUse;
-use crate::stamp::Files;
+use crate::stamp::{Files, Stamp};
 use crate::sync::{AtomicUsize, Mutex, Ordering};
 use crate::value::{ValueRef, digest};
 
@@ -319,16 +319,21 @@ impl<'a> Cached<'a> {
         true
     }
 
-    /// To be asked after a node has run: are the files that it read still those whose contents are in its key?
+    /// To be asked before a node runs: the files that it will read, as they are.
+    pub(super) fn files(&self, task: Task) -> Vec<(PathBuf, Option<Stamp>)> {
+        if !self.with_files[task.node as usize].0 {
+            return Vec::new();
+        }
+        let files = files_of(self.graph, task.node as usize, task.index as usize).into_iter();
+        files.map(|file| (self.with.files.stamp(&file), file)).map(|(stamp, file)| (file, stamp)).collect()
+    }
+
+    /// To be asked after a node has run: were the files that it read those whose contents are in its key?
     ///
     /// # Errors
-    /// Where one of them is not.
-    pub(super) fn is_as_read(&self, task: Task) -> Result<(), NodeError> {
-        if !self.with_files[task.node as usize].0 {
-            return Ok(());
-        }
-        let files = files_of(self.graph, task.node as usize, task.index as usize);
-        files.iter().try_for_each(|file| self.with.files.unchanged(file))
+    /// Where one of them was not.
+    pub(super) fn is_as_read(&self, files: &[(PathBuf, Option<Stamp>)]) -> Result<(), NodeError> {
+        files.iter().try_for_each(|(file, stamp)| self.with.files.unchanged(file, *stamp))
     }
 
     /// Keeps the results of a task where that is worth it, and what files it wrote. `cost` is in seconds.

@@ -25,10 +25,19 @@ pub(super) fn open(path: &Path) -> Result<File, NodeError> {
     Ok(file)
 }
 
-/// All bytes of a file.
+/// All bytes of a file, as they were at one time.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, NodeError> {
+    let io = |error| NodeError::io(path, error);
+    let mut file = open(path)?;
+    let before = file.metadata().map_err(io)?;
     let mut bytes = Vec::new();
-    open(path)?.read_to_end(&mut bytes).map_err(|e| NodeError::io(path, e))?;
+    file.read_to_end(&mut bytes).map_err(io)?;
+    let after = file.metadata().map_err(io)?;
+    // Half of what it was and half of what it becomes is neither.
+    if bytes.len() as u64 != after.len() || before.modified().ok() != after.modified().ok() {
+        let message = format!("expected {} to stay as it was while it is read, found it changed", path.display());
+        return Err(NodeError::new(Fault::Io, message).help("run again once nothing writes to it"));
+    }
     Ok(bytes)
 }
 
