@@ -2,12 +2,13 @@
 
 use std::io::IsTerminal;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use pegbar::{Console, EXIT_CANCELLED, run_cli};
 use pegbar_engine::node::Cancel;
 
-static ASKED: AtomicBool = AtomicBool::new(false);
+/// How long a run that is asked to stop may take to do so by itself.
+const PATIENCE: Duration = Duration::from_millis(80);
 
 #[global_allocator]
 static POOL: pegbar::Pool = pegbar::Pool;
@@ -17,10 +18,11 @@ fn main() -> ExitCode {
     let handle = cancel.clone();
     // Without the handler Ctrl-C still ends the process, so a failure to set it is no reason not to run.
     let _ = ctrlc::set_handler(move || {
-        if ASKED.swap(true, Ordering::SeqCst) {
-            std::process::exit(i32::from(EXIT_CANCELLED));
-        }
         handle.cancel();
+        // A node may be in the middle of something long. Whatever is cut off here is as if the process were killed: no file is there by half.
+        std::thread::sleep(PATIENCE);
+        eprintln!("cancelled: files that are there are whole");
+        std::process::exit(i32::from(EXIT_CANCELLED));
     });
     let is_terminal = std::io::stderr().is_terminal();
     let no_color = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());

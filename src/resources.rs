@@ -28,12 +28,16 @@ impl Ready {
     /// Opens the cache. One that cannot be opened is told, and done without.
     pub(crate) fn new(args: &Resources, console: &mut Console) -> Self {
         let threads = args.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
-        let folder = chosen(&args.folder);
+        let mut folder = chosen(&args.folder);
         let mut cache = None;
-        if let Some(folder) = folder.as_ref().filter(|_| !args.no_cache) {
-            match Cache::open(folder, DEFAULT_LIMIT) {
+        if let Some(named) = folder.as_ref().filter(|_| !args.no_cache) {
+            match Cache::open(named, DEFAULT_LIMIT) {
                 Ok(open) => cache = Some(Arc::new(open)),
-                Err(error) => console.say(&format!("warning: {error}; nothing is taken from the cache or kept there\n")),
+                Err(error) => {
+                    console.say(&format!("warning: {error}; nothing is taken from the cache or kept there\n"));
+                    // What does not fit into memory goes elsewhere too.
+                    folder = None;
+                }
             }
         }
         let memory = args.memory.unwrap_or_else(half_of_memory);
