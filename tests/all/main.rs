@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test ends with a panic where something is wrong")]
 
 mod conformance;
+mod faults;
 mod goldens;
 mod hostile;
 mod support;
