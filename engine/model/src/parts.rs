@@ -11,7 +11,7 @@ mod gate;
 use shuttle::rand::Rng;
 
 use crate::orders::orders;
-use crate::sync::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Mutex, Ordering::SeqCst, Worker, scope};
+use crate::sync::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Condvar, Mutex, Ordering::SeqCst, Worker, scope};
 use crew::{Crew, Woken};
 use gate::{Ask, Gate, Need, Pass};
 
@@ -313,12 +313,57 @@ fn an_end_from_outside_sends_everybody_home() {
     });
 }
 
+/// Calls three jobs, in one of the ways that there are.
+fn call(crew: &Crew<bool>, own: &Worker<bool>) {
+    match shuttle::rand::thread_rng().gen_range(0..3) {
+        0 => crew.hand_back(vec![false; 3]),
+        1 => (0..3).for_each(|_| {
+            own.push(false);
+            crew.rouse();
+        }),
+        _ => {
+            (0..3).for_each(|_| crew.push_root(false));
+            crew.rouse();
+        }
+    }
+}
+
+#[test]
+fn whoever_sleeps_is_called() {
+    orders(500, || {
+        let workers: Vec<Worker<bool>> = (0..3).map(|_| Worker::new_lifo()).collect();
+        let crew = Crew::new(&workers);
+        // The three jobs go on only together, each on a thread of its own.
+        let (met, all) = (Mutex::new(0), Condvar::new());
+        let meet = || {
+            let mut met = met.lock().unwrap();
+            *met += 1;
+            if *met == 3 {
+                crew.stop();
+                all.notify_all();
+            }
+            drop(all.wait_while(met, |met| *met < 3).unwrap());
+        };
+        let work = |own: Worker<bool>| {
+            while !crew.is_stopped() {
+                match crew.find(&own) {
+                    Some(true) => call(&crew, &own),
+                    Some(false) => meet(),
+                    None => assert_eq!(crew.sleep(|| false, || false), Woken::Called),
+                }
+            }
+        };
+        crew.push_root(true);
+        scope(|scope| workers.into_iter().for_each(|own| _ = scope.spawn(|| work(own))));
+    });
+}
+
 /// Who watches for lost wake-ups must not be woken by the time.
 #[test]
 #[should_panic(expected = "deadlock")]
 fn a_wait_never_ends_by_itself() {
     orders(1, || {
-        let (mutex, condvar) = (Mutex::new(()), crate::sync::Condvar::new());
+        let (mutex, condvar) = (Mutex::new(()), Condvar::new());
         drop(crate::sync::wait(&condvar, mutex.lock().unwrap(), std::time::Duration::ZERO));
     });
 }

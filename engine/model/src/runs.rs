@@ -8,13 +8,14 @@ use pegbar_engine::check::{LoadOptions, load_text};
 use pegbar_engine::exec as plain;
 use pegbar_engine::node::{Cancel, Context, Fault, Frames, In, NodeError, PerFrame, Recurrent, Sequence, Stream, Whole};
 use pegbar_engine::registry::Registry;
-use pegbar_engine::value::{Value, Vector, downcast};
+use pegbar_engine::value::{Curve, Value, Vector, downcast};
 use pegbar_engine::{Node, Outputs};
 use shuttle::rand::Rng;
 
 use crate::exec::{Done, Observer, Options, Report, execute};
 use crate::graph::{Graph, Port};
 use crate::orders::orders;
+use crate::sync;
 
 /// Numbers of a value: so many that it may leave memory.
 const LEN: usize = 160;
@@ -129,8 +130,56 @@ impl Whole for Gather {
     }
 }
 
+/// A number.
+#[derive(Outputs)]
+struct Number {
+    /// It.
+    number: Curve,
+}
+
+/// A number that is made once.
+#[derive(Node)]
+#[node(id = "model.once", version = 1, outputs = Number)]
+struct Once {}
+
+impl PerFrame for Once {
+    fn run(self, _cx: &Context) -> Result<Number, NodeError> {
+        Ok(Number { number: Curve { value: 1.0 } })
+    }
+}
+
+shuttle::lazy_static! {
+    static ref MET: (sync::Mutex<usize>, sync::Condvar) = (sync::Mutex::new(0), sync::Condvar::new());
+}
+
+/// Ends only when two frames of it run at once, on two threads.
+#[derive(Node)]
+#[node(id = "model.meet", version = 1, outputs = Block, uses_frame)]
+struct Meet {
+    /// Made before.
+    after: f64,
+}
+
+impl PerFrame for Meet {
+    fn run(self, _cx: &Context) -> Result<Block, NodeError> {
+        let (met, all) = &*MET;
+        let mut met = met.lock().unwrap();
+        *met += 1;
+        all.notify_all();
+        drop(all.wait_while(met, |met| *met < 2).unwrap());
+        Ok(block(self.after))
+    }
+}
+
 fn registry() -> Registry {
-    Registry::new().per_frame::<Make>().per_frame::<Add>().per_frame::<Window>().recurrent::<Total>().whole::<Gather>()
+    Registry::new()
+        .per_frame::<Once>()
+        .per_frame::<Meet>()
+        .per_frame::<Make>()
+        .per_frame::<Add>()
+        .per_frame::<Window>()
+        .recurrent::<Total>()
+        .whole::<Gather>()
 }
 
 fn load(nodes: &str, frames: usize) -> Graph {
@@ -239,6 +288,11 @@ fn cases() -> Arc<Vec<Case>> {
                 3,
                 3,
             ),
+            case(
+                r#""n1": (type: "model.make", more: 2, fails: 2), "n2": (type: "model.add", a: "@n0", b: "@n1"), "n3": (type: "model.window", stream: "@n0"), "n4": (type: "model.window", stream: "@n2"), "n5": (type: "model.add", a: "@n3", b: "@n4")"#,
+                4,
+                3,
+            ),
         ]
     };
     CASES.get_or_init(|| Arc::new(all())).clone()
@@ -282,6 +336,23 @@ fn diamonds() {
 #[test]
 fn failures() {
     check_case(6, 100);
+    check_case(7, 100);
+}
+
+#[test]
+fn what_can_run_is_not_left_lying() {
+    // One target in flight reads both frames: what is admitted, or told, is for both threads.
+    for nodes in [
+        r#""n0": (type: "model.meet", after: 1), "n1": (type: "model.window", stream: "@n0")"#,
+        r#""once": (type: "model.once"), "n0": (type: "model.meet", after: "@once"), "n1": (type: "model.window", stream: "@n0")"#,
+    ] {
+        let graph = Arc::new(load(nodes, 2));
+        let keep = [Port { node: graph.nodes.len() - 1, output: 0 }];
+        orders(100, move || {
+            let report = execute(&graph, &[], &keep, &Options { threads: 2, in_flight: 1, ..Options::default() }).unwrap();
+            assert!(report.is_complete(), "{:?}", report.failures);
+        });
+    }
 }
 
 #[test]
