@@ -369,3 +369,10 @@ fn bound_paths(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &Sizes, limit
     sizes.set_paths(more.saturating_add(1));
     Some(found)
 }
+
+/// Runs a plan as it is, however broken.
+#[cfg(test)]
+pub(crate) fn run_plan(graph: &Graph, plan: &Plan, threads: usize) -> Report {
+    let layout = Layout::new(graph, plan);
+    run::run(graph, plan, &layout, &Sizes::new(graph, &[]), None, &Options { threads, ..Options::default() })
+}

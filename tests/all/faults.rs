@@ -497,7 +497,8 @@ fn outputs_that_were_spoilt_are_made_again_and_nothing_else() {
     let good = undisturbed(&shot);
     let run = || Run::of(&shot).to("out");
     run().end().fine("first", 0);
-    let spoil: [(&str, &dyn Fn(&Path)); 4] = [
+    type Spoil<'a> = (&'a str, &'a dyn Fn(&Path));
+    let spoil: [Spoil; 4] = [
         ("deleted", &|path| std::fs::remove_file(path).unwrap()),
         ("empty", &|path| std::fs::write(path, b"").unwrap()),
         ("cut", &|path| std::fs::write(path, &std::fs::read(path).unwrap()[..40]).unwrap()),

@@ -796,30 +796,3 @@ pub(crate) fn panicked(payload: &(dyn std::any::Any + Send)) -> NodeError {
     NodeError::internal(format!("panicked: {}", text.unwrap_or_else(|| "no message".to_owned())))
         .help("this is a fault of the node's code: please report it with the graph and the inputs")
 }
-
-#[cfg(test)]
-mod tests {
-    use std::path::Path;
-
-    use super::*;
-    use crate::check::{LoadOptions, load_text};
-    use crate::plan::{Known, Planned, Target, plan};
-    use crate::tests::nodes::registry;
-
-    #[test]
-    fn a_run_in_which_nothing_can_move_ends_and_says_who_waits_for_whom() {
-        let nodes = r#""f": (type: "test.frame"), "g": (type: "test.add", a: "@f"), "h": (type: "test.add", a: "@g")"#;
-        let text = format!("Graph(pegbar: 1, frames: (first: 1, last: 2, fps: 24), nodes: {{ {nodes} }})");
-        let graph = load_text(Path::new("test.ron"), &text, &registry(), &LoadOptions::default()).graph.unwrap();
-        let [f, h] = ["f", "h"].map(|name| graph.find(name).unwrap());
-        let Ok(Planned::Ready(mut plan)) = plan(&graph, &[Target { node: h, frames: None }], &[], Known::new()) else { panic!("no plan") };
-        // Nobody hears that `f` is done.
-        plan.nodes[f].consumers.clear();
-        let layout = Layout::new(&graph, &plan);
-        for threads in [1, 3] {
-            let report = run(&graph, &plan, &layout, &Sizes::new(&graph, &[]), None, &Options { threads, ..Options::default() });
-            let waits = "g@1 waits for nothing that is open; g@2 waits for nothing that is open; h@1 waits for g@1; h@2 waits for g@2";
-            assert_eq!((report.stuck.as_deref(), report.is_complete()), (Some(waits), false), "{threads} threads");
-        }
-    }
-}

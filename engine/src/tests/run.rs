@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use crate::check::{LoadOptions, load_text};
-use crate::exec::{Done, Observer, Options, Report, execute};
+use crate::exec::{Done, Observer, Options, Report, execute, run_plan};
 use crate::graph::Graph;
-use crate::plan::Target;
+use crate::plan::{Known, Planned, Target, plan};
 use crate::value::downcast;
 
 use super::nodes::{clock, registry};
@@ -130,4 +130,18 @@ fn clocks_count_their_frames() {
     let clock = clock(-2, 3);
     assert_eq!((clock.len(), clock.index(-2), clock.index(3), clock.index(4)), (6, Some(0), Some(5), None));
     assert_eq!(clock.frames().collect::<Vec<_>>(), [-2, -1, 0, 1, 2, 3]);
+}
+
+#[test]
+fn a_run_in_which_nothing_can_move_ends_and_says_who_waits_for_whom() {
+    let graph = graph(r#""f": (type: "test.frame"), "g": (type: "test.add", a: "@f"), "h": (type: "test.add", a: "@g")"#);
+    let f = graph.find("f").unwrap();
+    let Ok(Planned::Ready(mut plan)) = plan(&graph, &[target(&graph, "h", &[1, 2])], &[], Known::new()) else { panic!("no plan") };
+    // Nobody hears that `f` is done.
+    plan.nodes[f].consumers.clear();
+    for threads in [1, 3] {
+        let report = run_plan(&graph, &plan, threads);
+        let waits = "g@1 waits for nothing that is open; g@2 waits for nothing that is open; h@1 waits for g@1; h@2 waits for g@2";
+        assert_eq!((report.stuck.as_deref(), report.is_complete()), (Some(waits), false), "{threads} threads");
+    }
 }
