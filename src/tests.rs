@@ -274,7 +274,7 @@ fn a_trace_shows_every_task_once_and_one_at_a_time_on_each_thread() {
         assert!(events.iter().any(|e| e["ph"] == "M" && is_named(e)));
     }
     let live: Vec<u64> = events.iter().filter(|e| e["ph"] == "C").map(|e| e["args"]["bytes"].as_u64().unwrap()).collect();
-    assert_eq!((live.len(), live.contains(&8)), (24, true), "{live:?}");
+    assert_eq!((live.len(), live.contains(&(8 + 64))), (24, true), "{live:?}");
 }
 
 #[test]
