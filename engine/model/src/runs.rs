@@ -336,7 +336,8 @@ fn diamonds() {
 #[test]
 fn failures() {
     check_case(6, 100);
-    check_case(7, 100);
+    // What is passed over, beside what is let in, takes many orders to be seen going wrong.
+    check_case(7, 700);
 }
 
 #[test]
