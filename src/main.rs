@@ -8,7 +8,7 @@ use pegbar::{Console, EXIT_CANCELLED, run_cli};
 use pegbar_engine::node::Cancel;
 
 /// How long a run that is asked to stop may take to do so by itself.
-const PATIENCE: Duration = Duration::from_millis(80);
+const PATIENCE: Duration = Duration::from_millis(25);
 
 #[global_allocator]
 static POOL: pegbar::Pool = pegbar::Pool;

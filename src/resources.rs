@@ -60,7 +60,8 @@ impl Ready {
         let spill = self.folder.as_ref().map_or_else(std::env::temp_dir, |folder| folder.join("v1").join("spill"));
         How {
             threads: self.threads,
-            memory: Some(self.memory - pooled(self.memory)),
+            memory: Some(left_by_pool(self.memory)),
+            asked: with_pool,
             spill,
             keep,
             measure: Some(pool::measure),
@@ -90,10 +91,33 @@ fn pooled(memory: u64) -> u64 {
     (memory / 8).min(512 << 20)
 }
 
+/// What of a budget is for the run.
+fn left_by_pool(memory: u64) -> u64 {
+    memory - pooled(memory)
+}
+
+/// The budget that leaves a run so many bytes.
+fn with_pool(bytes: u64) -> u64 {
+    bytes.saturating_add(bytes.div_ceil(7).min(512 << 20))
+}
+
 /// Half of the memory of the machine, or of the control group that the process is in; 2 GiB where nobody says how much that is.
 fn half_of_memory() -> u64 {
     let ram = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());
     let Ok(system) = System::new_with_specifics(ram) else { return 2 << 30 };
     let group = system.cgroup_limits().map_or(u64::MAX, |limits| limits.total_memory);
     system.total_memory().min(group) / 2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_an_error_says_to_ask_for_is_enough() {
+        for bytes in [0, 1, 6, 7, 8, 1000, (7 << 29) - 1, 7 << 29, (7 << 29) + 1, 1 << 40] {
+            assert!(left_by_pool(with_pool(bytes)) >= bytes, "{bytes}");
+            assert!(bytes == 0 || left_by_pool(with_pool(bytes) - 2) < bytes, "{bytes}: and no more than that");
+        }
+    }
 }

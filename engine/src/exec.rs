@@ -44,6 +44,8 @@ pub struct Options<'a> {
     pub in_flight: usize,
     /// The most bytes that results and the scratch of running nodes may have together; `None` for as many as there may be.
     pub memory: Option<u64>,
+    /// What has to be asked for so that a run has so many bytes: errors name it.
+    pub asked: fn(u64) -> u64,
     /// The folder for what does not fit.
     pub spill: PathBuf,
     /// The cache, and what of it is used.
@@ -67,6 +69,7 @@ impl Default for Options<'_> {
             threads: 1,
             in_flight: 0,
             memory: None,
+            asked: |bytes| bytes,
             spill: std::env::temp_dir(),
             cache: None,
             expected: &[],
@@ -352,7 +355,7 @@ fn fits(graph: &Graph, plan: &Plan, layout: &Layout, sizes: &Sizes, options: &Op
     match found.least_at {
         Some((node, frame)) if found.least > limit => {
             let message = format!("expected to run in {limit} bytes of memory, found a need of {} bytes at least", found.least);
-            let help = format!("allow at least {} with --memory, or make its frames smaller", found.least);
+            let help = format!("allow at least {} with --memory, or make its frames smaller", (options.asked)(found.least));
             Err(PlanError { node, frame: Some(frame), error: NodeError::new(Fault::Limit, message).help(help) })
         }
         _ => Ok(()),

@@ -62,6 +62,8 @@ pub struct How<'a> {
     pub threads: usize,
     /// The most bytes that results and the scratch of running nodes may have together; `None` for as many as there may be.
     pub memory: Option<u64>,
+    /// What has to be asked for so that a run has so many bytes: errors name it.
+    pub asked: fn(u64) -> u64,
     /// The folder for what does not fit.
     pub spill: PathBuf,
     /// The cache, and what is kept there.
@@ -79,6 +81,7 @@ impl Default for How<'_> {
         Self {
             threads: 1,
             memory: None,
+            asked: |bytes| bytes,
             spill: std::env::temp_dir(),
             keep: None,
             measure: None,
@@ -280,6 +283,7 @@ impl Job {
             threads: how.threads,
             in_flight: 0,
             memory: how.memory,
+            asked: how.asked,
             spill: how.spill.clone(),
             cache,
             expected: &expected,

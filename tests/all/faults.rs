@@ -209,7 +209,7 @@ fn kill_again_and_again(binary: &str, graph: &Path, folder: &Path, kills: usize)
     let run = || Run::graph(binary, graph, folder).to("out");
     let whole = run().end();
     whole.fine("the first", 0);
-    let (good, bytes) = (files(&out), size(&out) + size(&cached));
+    let (good, all, bytes) = (files(&out), whole.tasks(), size(&out) + size(&cached));
     let mut dice = Dice(0x9E37_79B9_7F4A_7C15);
     let mut killed = 0;
     for trial in 0..kills {
@@ -237,6 +237,7 @@ fn kill_again_and_again(binary: &str, graph: &Path, folder: &Path, kills: usize)
             "after kill {trial}: {whole} of {} files were there, {sinks} were made",
             good.len()
         );
+        assert!(tasks.iter().all(|(node, n)| *n <= all[node]), "after kill {trial}: {tasks:?}, of {all:?} in a whole run");
         assert_eq!(std::fs::read_dir(cached.join("v1/tmp")).unwrap().count(), 0, "after kill {trial}: what it left is swept");
     }
     assert!(killed * 2 > kills, "{killed} of {kills} were killed before they ended");

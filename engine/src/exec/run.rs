@@ -388,7 +388,7 @@ impl<'a> Run<'a> {
         );
         let help = match self.memory.trouble() {
             Some(trouble) => format!("what lies idle could not go to disk: {trouble}"),
-            None => format!("allow at least {} with --memory", inputs + own + held),
+            None => format!("allow at least {} with --memory", (self.options.asked)(inputs + own + held)),
         };
         NodeError::new(Fault::Limit, message).help(help)
     }
