@@ -10,10 +10,12 @@ pub mod data;
 mod footage_tests;
 mod image;
 mod io;
+mod keys;
 mod matte;
 mod plot;
 mod registry;
 mod render;
+mod retarget;
 mod time;
 mod track;
 

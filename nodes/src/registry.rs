@@ -4,15 +4,17 @@ use pegbar_engine::registry::Registry;
 
 use crate::cel::{CelArt, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
-use crate::data::{Affine2, Image, KeyShapes, Matte, Shape, Weights};
+use crate::data::{Affine2, Basis, Image, KeyImages, KeyShapes, Matte, Shape, Weights};
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
     ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
+use crate::keys::{KeysBasis, KeysInbetween};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::render::{RenderShapes, RenderStrip};
+use crate::retarget::{RetargetImage, RetargetShapes};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
 
@@ -25,7 +27,9 @@ pub fn registry() -> Registry {
 fn types(registry: Registry) -> Registry {
     registry
         .value::<Affine2>()
+        .value::<Basis>()
         .value::<Image>()
+        .value::<KeyImages>()
         .value::<KeyShapes>()
         .value::<Matte>()
         .value::<Shape>()
@@ -64,12 +68,16 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<IoWriteImages>()
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
+        .per_frame::<KeysBasis>()
+        .per_frame::<KeysInbetween>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
         .per_frame::<RenderShapes>()
         .whole::<RenderStrip>()
+        .recurrent::<RetargetImage>()
+        .recurrent::<RetargetShapes>()
         .per_frame::<RetimeApply>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()

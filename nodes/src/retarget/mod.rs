@@ -1,0 +1,87 @@
+//! Captured motion put on other keys: shapes, drawings, photographs.
+
+mod carry;
+mod image;
+mod shapes;
+
+pub(crate) use carry::{Carried, with_alpha};
+pub(crate) use image::RetargetImage;
+pub(crate) use shapes::RetargetShapes;
+
+use std::sync::{Arc, OnceLock};
+
+use pegbar_engine::Value;
+use pegbar_engine::array::NdArray;
+use pegbar_engine::node::NodeError;
+
+use crate::algo::arap::Options as ArapOptions;
+use crate::algo::key_blend::{Interpolation, KeyBlend, Options};
+use crate::algo::raster::{Affine, apply, compose, identity};
+use crate::data::{Affine2, KeyShapes};
+use crate::keys::contours;
+
+/// Keys made ready to be blended, once for all frames.
+#[derive(Clone, Debug, Value)]
+pub(crate) struct Ready {
+    /// The keys that it was made of.
+    #[value(shape = "[k, n, 2]")]
+    points: NdArray<f64, 3>,
+    /// Made again where it is not there.
+    #[value(skip)]
+    blend: OnceLock<Arc<KeyBlend>>,
+}
+
+impl Ready {
+    fn get(&self) -> Option<Arc<KeyBlend>> {
+        self.blend.get().cloned()
+    }
+}
+
+fn refused(error: impl std::fmt::Display) -> NodeError {
+    NodeError::input(error.to_string())
+}
+
+/// How keys are blended, and the in-betweens of each pair.
+#[derive(Clone, Copy)]
+struct How {
+    interpolation: Interpolation,
+    inbetweens: u32,
+    symmetric: bool,
+    mesh: bool,
+}
+
+/// The keys ready to be blended: as they were before, where they are the same.
+fn ready(keys: &KeyShapes, before: Option<&Ready>, how: How) -> Result<(Arc<KeyBlend>, Ready), NodeError> {
+    let kept = before.filter(|b| b.points == keys.points).and_then(Ready::get);
+    let blend = match kept {
+        Some(blend) => blend,
+        None => {
+            let shapes = contours(keys);
+            let options = Options {
+                interpolation: how.interpolation,
+                count: how.inbetweens as usize,
+                closed: keys.closed,
+                mesh: how.mesh,
+                arap: ArapOptions { symmetric: how.symmetric, ..ArapOptions::default() },
+            };
+            let views: Vec<&[[f64; 2]]> = shapes.iter().map(Vec::as_slice).collect();
+            let help = "interpolation: linear takes any keys of one point order";
+            Arc::new(KeyBlend::new(&views, options).map_err(|e| refused(e).help(help))?)
+        }
+    };
+    let state = Ready { points: keys.points.clone(), blend: OnceLock::from(blend.clone()) };
+    Ok((blend, state))
+}
+
+/// The motion after the placement.
+fn placed(place: Option<&Affine2>, motion: Option<&Affine2>) -> Result<Affine, NodeError> {
+    let each = |name: &str, given: Option<&Affine2>| {
+        let map = given.map_or_else(identity, Affine::from);
+        if map.iter().all(|v| v.is_finite()) { Ok(map) } else { Err(refused(format!("{name}: expected a finite affine map, found NaN or infinity"))) }
+    };
+    Ok(compose(&each("motion", motion)?, &each("place", place)?))
+}
+
+fn moved(points: &[[f64; 2]], map: &Affine) -> Vec<[f64; 2]> {
+    points.iter().map(|p| apply(map, (*p).into()).into()).collect()
+}
