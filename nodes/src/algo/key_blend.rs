@@ -74,7 +74,7 @@ impl Rigid {
     fn new(keys: &[&[Point]], triangles: Option<&[[u32; 3]]>, options: ArapOptions) -> Result<Self, KeyBlendError> {
         Ok(match triangles {
             Some(triangles) => Self::Closed(Arap::new(triangles, keys, options)?),
-            None => Self::Open(OpenBlend::new(keys)?),
+            None => Self::Open(OpenBlend::new(keys, options.gauge)?),
         })
     }
 
@@ -112,7 +112,7 @@ impl KeyBlend {
         let views: Vec<&[Point]> = keys.iter().map(Vec::as_slice).collect();
         let how = match options.interpolation {
             Interpolation::Linear => {
-                OpenBlend::new(&views)?;
+                OpenBlend::new(&views, options.arap.gauge)?;
                 How::Linear
             }
             Interpolation::Arap => How::Rigid(Box::new(Rigid::new(&views, triangles.as_deref(), options.arap)?)),
@@ -232,7 +232,14 @@ fn chains(keys: &[&[Point]], triangles: Option<&[[u32; 3]]>, options: Options) -
 pub fn inbetweens(keys: &[&[Point]], options: Options) -> Result<Vec<Vec<Point>>, KeyBlendError> {
     let blend = KeyBlend::new(keys, Options { interpolation: Interpolation::Extended, ..options })?;
     let How::Extended(chains) = blend.how else { return Ok(Vec::new()) };
-    Ok(chains.into_iter().flatten().map(|mut shape| { shape.truncate(blend.n_contour); shape }).collect())
+    Ok(chains
+        .into_iter()
+        .flatten()
+        .map(|mut shape| {
+            shape.truncate(blend.n_contour);
+            shape
+        })
+        .collect())
 }
 
 #[cfg(test)]

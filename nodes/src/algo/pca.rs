@@ -42,8 +42,8 @@ pub enum PcaError {
         /// Coordinates found.
         found: usize,
     },
-    /// NaN or infinity.
-    #[error("expected finite coordinates, found NaN or infinity in example {example}")]
+    /// NaN, infinity, or so large that squares are.
+    #[error("expected finite coordinates, found NaN, infinity or one beyond 1e100 in example {example}")]
     NotFinite {
         /// The example, from 0.
         example: usize,
@@ -104,7 +104,7 @@ fn validate(examples: &[&[f64]]) -> Result<usize, PcaError> {
         if e.len() != expected {
             return Err(PcaError::Count { example, expected, found: e.len() });
         }
-        if !e.iter().all(|v| v.is_finite()) {
+        if !e.iter().all(|v| v.abs() <= 1e100) {
             return Err(PcaError::NotFinite { example });
         }
     }

@@ -90,7 +90,8 @@ impl PerFrame for KeysBasis {
         let n = self.keys.points.shape()[1];
         let space = pca(&examples, n, keep).map_err(|e| NodeError::input(e.to_string()))?;
         let l = space.components.len();
-        let components = NdArray::new([l, 2 * n], space.components.concat()).ok_or_else(|| NodeError::internal("components of another length"))?;
+        let components =
+            NdArray::new([l, 2 * n], space.components.concat()).ok_or_else(|| NodeError::internal("components of another length"))?;
         Ok(KeysBasisOutputs {
             keys: spanning(&space, self.keys.closed)?,
             explained: Vector { values: explained(&space, &examples) },

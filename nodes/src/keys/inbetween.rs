@@ -115,18 +115,29 @@ impl KeysInbetween {
     fn pictures(&self, cx: &Context, keys: &[&[[f64; 2]]]) -> Result<KeyImages, NodeError> {
         let images: Vec<Image> = self.images.0.iter().flatten().map(|i| with_alpha(i)).collect::<Result<_, _>>()?;
         let Some(first) = images.first() else {
-            return Ok(KeyImages { pixels: NdArray::new([0; 4], Vec::new()).ok_or_else(|| NodeError::internal("no pictures"))?, names: Vec::new() });
+            return Ok(KeyImages {
+                pixels: NdArray::new([0; 4], Vec::new()).ok_or_else(|| NodeError::internal("no pictures"))?,
+                names: Vec::new(),
+            });
         };
         let interpolation = if self.method == Method::Arap { Interpolation::Arap } else { Interpolation::Linear };
         let window = first.display_window();
         let k = keys.len();
         let n = k + steps(k, self.count as usize).count();
         let each = window.samples(first.n_channels()).and_then(|s| s.checked_mul(n)).filter(|s| *s <= LARGEST);
-        let each = each.ok_or_else(|| NodeError::new(Fault::Limit, format!("expected pictures of at most 16 GiB in all, found {n} of {} x {}", window.width, window.height)))?;
+        let each = each.ok_or_else(|| {
+            NodeError::new(
+                Fault::Limit,
+                format!("expected pictures of at most 16 GiB in all, found {n} of {} x {}", window.width, window.height),
+            )
+        })?;
         let mut all = Vec::with_capacity(each);
         for image in &images {
             if image.display_window() != window || image.n_channels() != first.n_channels() || images.len() != k {
-                return Err(NodeError::input(format!("expected {k} pictures of one format, one for each key, found {} or other formats", images.len())));
+                return Err(NodeError::input(format!(
+                    "expected {k} pictures of one format, one for each key, found {} or other formats",
+                    images.len()
+                )));
             }
             all.extend_from_slice(image.in_display()?.samples());
         }

@@ -53,7 +53,9 @@ impl Carried<'_> {
         channels: usize,
     ) -> Result<Vec<f32>, NodeError> {
         let len = window.samples(channels).filter(|n| *n <= LARGEST);
-        let len = len.ok_or_else(|| NodeError::new(Fault::Limit, "expected a picture of at most 16 GiB, found a larger one").help("set expand: false"))?;
+        let len = len.ok_or_else(|| {
+            NodeError::new(Fault::Limit, "expected a picture of at most 16 GiB, found a larger one").help("set expand: false")
+        })?;
         // The band lies below, so that where the contour is hollow it does not hide the inside.
         let mut triangles = band_triangles(self.blend.n_contour(), points.len());
         triangles.extend_from_slice(self.blend.triangles());

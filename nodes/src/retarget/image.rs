@@ -68,6 +68,10 @@ pub(crate) struct RetargetImage {
     /// True prefers no key for `extended` and `arap`; false takes the first as the paper does.
     #[input(default = true)]
     symmetric: bool,
+    /// The point of the contour that goes straight from key to key in `extended` and `arap`, as in the paper: a hip, a hand on a bar. The centroid
+    /// where it is left out.
+    #[input(default = None, range = 0..=1000000)]
+    anchor: Option<u32>,
     /// The key, from 0, whose contour lies on a single picture.
     #[input(default = 0, range = 0..=100000)]
     image_key: u32,
@@ -110,17 +114,17 @@ impl RetargetImage {
                 Ok(((0..k).map(|i| image.filter(|_| i == key)).collect(), (0..k).map(|i| f64::from(u8::from(i == key))).collect()))
             }
             n if n == k && weights.len() == k => Ok((self.image.0.iter().map(|i| Some(&**i)).collect(), shares(weights))),
-            n => Err(refused(format!("expected one picture, or {k} with {k} weights, one for each key, found {n} with {} weights", weights.len()))),
+            n => Err(refused(format!(
+                "expected one picture, or {k} with {k} weights, one for each key, found {n} with {} weights",
+                weights.len()
+            ))),
         }
     }
 
     fn draw(&self, blend: &KeyBlend) -> Result<Image, NodeError> {
         let (pictures, shares) = self.pictures(blend)?;
-        let used: Vec<Option<Image>> = pictures
-            .iter()
-            .zip(&shares)
-            .map(|(p, w)| p.filter(|_| *w > 0.0).map(with_alpha).transpose())
-            .collect::<Result<_, _>>()?;
+        let used: Vec<Option<Image>> =
+            pictures.iter().zip(&shares).map(|(p, w)| p.filter(|_| *w > 0.0).map(with_alpha).transpose()).collect::<Result<_, _>>()?;
         let first = used.iter().flatten().next().ok_or_else(|| NodeError::internal("no picture has a weight"))?;
         let (format, channels) = (self.size.map_or(first.display_window(), |[w, h]| Window::from_bounds(0, 0, w, h)), first.n_channels());
         if used.iter().flatten().any(|i| i.n_channels() != channels) {
@@ -137,7 +141,8 @@ impl RetargetImage {
         if self.edge == Edge::Cut || self.edge == Edge::Auto && !had_alpha {
             cut(&mut samples, &points[..blend.n_contour()], window, channels);
         }
-        let image = Image::new(window.width, window.height, channels, samples).ok_or_else(|| NodeError::internal("a picture of another size"))?;
+        let image =
+            Image::new(window.width, window.height, channels, samples).ok_or_else(|| NodeError::internal("a picture of another size"))?;
         Ok(image.with_channels(first.channels()).with_windows(window, format))
     }
 }
@@ -166,7 +171,13 @@ impl Recurrent for RetargetImage {
             let error = NodeError::new(Fault::Input, "expected closed key shapes, which have an inside, found open ones");
             return Err(error.help("close them, or draw the outline of what the curve moves"));
         }
-        let how = How { interpolation: self.interpolation, inbetweens: self.inbetweens, symmetric: self.symmetric, mesh: true };
+        let how = How {
+            interpolation: self.interpolation,
+            inbetweens: self.inbetweens,
+            symmetric: self.symmetric,
+            anchor: self.anchor,
+            mesh: true,
+        };
         let (blend, state) = ready(&self.keys, state, how)?;
         Ok((RetargetImageOutputs { image: self.draw(&blend)? }, state))
     }

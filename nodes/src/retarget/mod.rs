@@ -14,7 +14,7 @@ use pegbar_engine::Value;
 use pegbar_engine::array::NdArray;
 use pegbar_engine::node::NodeError;
 
-use crate::algo::arap::Options as ArapOptions;
+use crate::algo::arap::{Gauge, Options as ArapOptions};
 use crate::algo::key_blend::{Interpolation, KeyBlend, Options};
 use crate::algo::raster::{Affine, apply, compose, identity};
 use crate::data::{Affine2, KeyShapes};
@@ -47,6 +47,7 @@ struct How {
     interpolation: Interpolation,
     inbetweens: u32,
     symmetric: bool,
+    anchor: Option<u32>,
     mesh: bool,
 }
 
@@ -62,7 +63,11 @@ fn ready(keys: &KeyShapes, before: Option<&Ready>, how: How) -> Result<(Arc<KeyB
                 count: how.inbetweens as usize,
                 closed: keys.closed,
                 mesh: how.mesh,
-                arap: ArapOptions { symmetric: how.symmetric, ..ArapOptions::default() },
+                arap: ArapOptions {
+                    symmetric: how.symmetric,
+                    gauge: how.anchor.map_or(Gauge::Centroid, |v| Gauge::Vertex(v as usize)),
+                    ..ArapOptions::default()
+                },
             };
             let views: Vec<&[[f64; 2]]> = shapes.iter().map(Vec::as_slice).collect();
             let help = "interpolation: linear takes any keys of one point order";
@@ -77,7 +82,11 @@ fn ready(keys: &KeyShapes, before: Option<&Ready>, how: How) -> Result<(Arc<KeyB
 fn placed(place: Option<&Affine2>, motion: Option<&Affine2>) -> Result<Affine, NodeError> {
     let each = |name: &str, given: Option<&Affine2>| {
         let map = given.map_or_else(identity, Affine::from);
-        if map.iter().all(|v| v.is_finite()) { Ok(map) } else { Err(refused(format!("{name}: expected a finite affine map, found NaN or infinity"))) }
+        if map.iter().all(|v| v.is_finite()) {
+            Ok(map)
+        } else {
+            Err(refused(format!("{name}: expected a finite affine map, found NaN or infinity")))
+        }
     };
     Ok(compose(&each("motion", motion)?, &each("place", place)?))
 }

@@ -49,6 +49,10 @@ pub(crate) struct RetargetShapes {
     /// True prefers no key for `extended` and `arap`; false takes the first as the paper does.
     #[input(default = true)]
     symmetric: bool,
+    /// The point of the contour that goes straight from key to key in `extended` and `arap`, as in the paper: a hip, a hand on a bar. The centroid
+    /// where it is left out.
+    #[input(default = None, range = 0..=1000000)]
+    anchor: Option<u32>,
 }
 
 /// The target's shape.
@@ -62,7 +66,13 @@ impl Recurrent for RetargetShapes {
     type State = Ready;
 
     fn run(self, state: Option<&Ready>, _cx: &Context) -> Result<(RetargetShapesOutputs, Ready), NodeError> {
-        let how = How { interpolation: self.interpolation, inbetweens: self.inbetweens, symmetric: self.symmetric, mesh: false };
+        let how = How {
+            interpolation: self.interpolation,
+            inbetweens: self.inbetweens,
+            symmetric: self.symmetric,
+            anchor: self.anchor,
+            mesh: false,
+        };
         let (blend, state) = ready(&self.keys, state, how)?;
         let mut points = blend.blend(&self.weights.weights).map_err(refused)?;
         points.truncate(blend.n_contour());

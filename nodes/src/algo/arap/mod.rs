@@ -83,6 +83,14 @@ pub enum ArapError {
         /// The last point.
         last: usize,
     },
+    /// A point that there is not is to hold the blend in place.
+    #[error("expected a point from 0 to {last} as anchor, found {found}")]
+    Anchor {
+        /// The last point.
+        last: usize,
+        /// The point asked for.
+        found: usize,
+    },
     /// Weights of another number.
     #[error("expected {expected} weights, one for each key, found {found}")]
     Weights {
@@ -129,7 +137,7 @@ impl Arap {
         }
         let matrix = Skyline::new(n, &entries).ok_or(ArapError::Apart { last: n - 1 })?;
         let gauge = match options.gauge {
-            Gauge::Vertex(v) => (0..n).map(|i| f64::from(u8::from(i == v.min(n - 1)))).collect(),
+            Gauge::Vertex(v) => held(v, n)?,
             Gauge::Centroid => centroid_weights(triangles, references, n),
         };
         Ok(Self { triangles: triangles.to_vec(), keys: keys.iter().map(|k| k.to_vec()).collect(), views, matrix, gauge })
@@ -182,6 +190,14 @@ impl Arap {
         }
         (0..self.gauge.len()).map(at).map(|p| [p[0] + shift[0], p[1] + shift[1]]).collect()
     }
+}
+
+/// All of the gauge at one point.
+fn held(v: usize, n: usize) -> Result<Vec<f64>, ArapError> {
+    if v >= n {
+        return Err(ArapError::Anchor { last: n - 1, found: v });
+    }
+    Ok((0..n).map(|i| f64::from(u8::from(i == v))).collect())
 }
 
 /// The key that has all of the weight.

@@ -2,25 +2,27 @@
 //! blending: an intrinsic solution to the vertex path problem, SIGGRAPH 1993).
 
 use super::angles::wrapped;
-use super::{ArapError, sole};
+use super::{ArapError, Gauge, held, sole};
 use crate::algo::compatible::{Point, sub};
 
 /// Open curves of one point order, ready to be blended.
 ///
-/// Each edge's angle is followed along the curve, past half a turn, and blended; so is the logarithm of its length. The middle of the points
-/// goes along the blend of the keys' middles.
+/// Each edge's angle is followed along the curve, past half a turn, and blended; so is the logarithm of its length. The mean of the points, or
+/// one of them, goes along the blend of the keys'.
 #[derive(Debug)]
 pub struct OpenBlend {
     keys: Vec<Vec<Point>>,
     /// For each key and edge the angle in radians and the length.
     edges: Vec<Vec<[f64; 2]>>,
+    /// How much each point counts in what holds the blend in place; they add up to one.
+    gauge: Vec<f64>,
 }
 
 impl OpenBlend {
     /// Prepares `keys`.
     ///
-    /// Errors: no key, keys of different numbers of points, keys that are not finite.
-    pub fn new(keys: &[&[Point]]) -> Result<Self, ArapError> {
+    /// Errors: no key, keys of different numbers of points, keys that are not finite, a gauge at a point that there is not.
+    pub fn new(keys: &[&[Point]], gauge: Gauge) -> Result<Self, ArapError> {
         let expected = keys.first().map_or(0, |k| k.len());
         if expected == 0 {
             return Err(ArapError::Empty { keys: keys.len(), triangles: 0 });
@@ -38,7 +40,11 @@ impl OpenBlend {
             let own = followed(key, edges.first());
             edges.push(own);
         }
-        Ok(Self { keys: keys.iter().map(|k| k.to_vec()).collect(), edges })
+        let gauge = match gauge {
+            Gauge::Centroid => vec![1.0 / expected as f64; expected],
+            Gauge::Vertex(v) => held(v, expected)?,
+        };
+        Ok(Self { keys: keys.iter().map(|k| k.to_vec()).collect(), edges, gauge })
     }
 
     /// A blend by weights that add up to 1; where one key has all the weight, that key itself.
@@ -61,8 +67,8 @@ impl OpenBlend {
             points[i + 1] = [points[i][0] + length * cos, points[i][1] + length * sin];
         }
         for c in 0..2 {
-            let held: f64 = self.keys.iter().zip(weights).map(|(k, w)| w * k.iter().map(|p| p[c]).sum::<f64>()).sum();
-            let shift = (held - points.iter().map(|p| p[c]).sum::<f64>()) / n as f64;
+            let mean = |p: &[Point]| p.iter().zip(&self.gauge).map(|(p, g)| g * p[c]).sum::<f64>();
+            let shift = self.keys.iter().zip(weights).map(|(k, w)| w * mean(k)).sum::<f64>() - mean(&points);
             points.iter_mut().for_each(|p| p[c] += shift);
         }
         Ok(points)

@@ -186,7 +186,9 @@ pub(super) fn partition(contours: &[Vec<Point>]) -> Parts {
     let sight = Sight::common(contours);
     let plan = Plan::new(contours, &sight);
     let mut parts = Parts { triangles: Vec::new(), holes: Vec::new() };
-    if let Some(i) = (0..n).filter(|&i| plan.is_solved(i, n - 1)).min_by(|&a, &b| plan.cost[a * n + n - 1].total_cmp(&plan.cost[b * n + n - 1])) {
+    if let Some(i) =
+        (0..n).filter(|&i| plan.is_solved(i, n - 1)).min_by(|&a, &b| plan.cost[a * n + n - 1].total_cmp(&plan.cost[b * n + n - 1]))
+    {
         plan.triangles(i, n - 1, &mut parts.triangles);
         return parts;
     }

@@ -46,8 +46,8 @@ pub enum CompatibleError {
         /// Points found.
         found: usize,
     },
-    /// NaN or infinity.
-    #[error("expected finite points, found NaN or infinity at point {point} of contour {contour}")]
+    /// NaN, infinity, or so large that areas are.
+    #[error("expected finite points, found NaN, infinity or one beyond 1e100 at point {point} of contour {contour}")]
     NotFinite {
         /// The contour, from 0.
         contour: usize,
@@ -77,7 +77,9 @@ pub enum CompatibleError {
         contour: usize,
     },
     /// Rounding left a triangle without area.
-    #[error("expected contours that can be filled with triangles in double precision, found one without area in contour {contour}; remove points that nearly touch")]
+    #[error(
+        "expected contours that can be filled with triangles in double precision, found one without area in contour {contour}; remove points that nearly touch"
+    )]
     Degenerate {
         /// The contour, from 0.
         contour: usize,
@@ -195,7 +197,7 @@ fn validate(contours: &[&[Point]]) -> Result<bool, CompatibleError> {
         if points.len() != expected {
             return Err(CompatibleError::Count { contour, expected, found: points.len() });
         }
-        if let Some(point) = points.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
+        if let Some(point) = points.iter().position(|p| !p.iter().all(|v| v.abs() <= 1e100)) {
             return Err(CompatibleError::NotFinite { contour, point });
         }
         if points.iter().all(|p| orient(points[0], points[expected / 2], *p) == 0.0) && flat(points) {

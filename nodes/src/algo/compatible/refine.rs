@@ -12,6 +12,9 @@ const LAST_SWEEPS: usize = 12;
 /// A point is collapsed where triangles better than this stay.
 const COLLAPSE_FROM: f64 = 0.02;
 
+/// Triangles of at least this shape are left where they are; an angle of 30 degrees has about this.
+const GOOD: f64 = 0.7;
+
 /// Makes a valid or nearly valid mesh a good one.
 pub(super) fn improve(mesh: &mut Mesh, options: Options) {
     for round in 0..ROUNDS {
@@ -54,6 +57,9 @@ fn smooth(mesh: &mut Mesh, v: usize) -> bool {
     for p in &mut mesh.points {
         let worst = |at: Point| star.iter().map(|t| shape(t.map(|i| if i == v { at } else { p[i] }))).fold(f64::INFINITY, f64::min);
         let (start, old) = (p[v], worst(p[v]));
+        if old > GOOD {
+            continue;
+        }
         let found = climb(start, reach(p, v, &neighbours), Some(centre(p, &neighbours)), &worst);
         if worst(found) > old + 1e-6 {
             p[v] = found;
@@ -155,7 +161,8 @@ fn relax(mesh: &mut Mesh) {
         let neighbours = mesh.neighbours(v);
         for k in 1..=n_others {
             let p = &mesh.points[k];
-            let value = |at: Point| -star.iter().map(|t| distortion(t.map(|i| rest[i]), t.map(|i| if i == v { at } else { p[i] }))).sum::<f64>();
+            let value =
+                |at: Point| -star.iter().map(|t| distortion(t.map(|i| rest[i]), t.map(|i| if i == v { at } else { p[i] }))).sum::<f64>();
             let found = climb(p[v], reach(p, v, &neighbours), None, &value);
             // A move that makes a sliver is not worth its distortion.
             let worst = |at: Point| star.iter().map(|t| shape(t.map(|i| if i == v { at } else { p[i] }))).fold(f64::INFINITY, f64::min);
