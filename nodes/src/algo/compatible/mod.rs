@@ -234,11 +234,11 @@ fn is_negative(points: &[Point]) -> bool {
 fn touching(points: &[Point]) -> Option<(usize, usize)> {
     let n = points.len();
     let end = |i: usize| points[(i + 1) % n];
+    if let Some(i) = (0..n).find(|&i| points[i] == end(i)) {
+        return Some((i, (i + 1) % n));
+    }
     for i in 0..n {
         let (a, b) = (points[i], end(i));
-        if a == b {
-            return Some((i, (i + 1) % n));
-        }
         for j in i + 1..n {
             let (c, d) = (points[j], end(j));
             let apart = |k: usize| a[k].max(b[k]) < c[k].min(d[k]) || c[k].max(d[k]) < a[k].min(b[k]);
