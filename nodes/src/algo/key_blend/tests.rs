@@ -5,7 +5,7 @@ use crate::algo::pca::{Keep, pca};
 /// The outline of a bar of 4 by 0.8 bent into an arc.
 fn bar(angle: f64) -> Vec<Point> {
     let place = |x: f64, y: f64| {
-        let angle = if angle == 0.0 { 1e-9 } else { angle };
+        let angle = if angle == 0.0 { 1e-5 } else { angle };
         let (radius, (sin, cos)) = (4.0 / angle, libm::sincos(x * angle / 4.0));
         [(radius - y) * sin, radius - (radius - y) * cos]
     };

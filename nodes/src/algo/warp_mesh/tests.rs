@@ -36,9 +36,9 @@ fn each_triangle_has_its_own_map() {
     for (i, value) in found.iter().enumerate().filter(|(_, v)| **v >= 0.0) {
         let [x, y] = [(i % 50) as f64 + 0.5, (i / 50) as f64 + 0.5];
         // Above the diagonal the top edge is 40 long for 8, below it the lower one 30.
-        let v = 1.0 + (y - 3.0) / 5.0;
+        let (v, middle) = (1.0 + (y - 3.0) / 5.0, 1.0 + (y - 3.0) * 8.0 / 30.0);
         let left = 2.0 + (y - 3.0);
-        let u = if x - 2.0 >= y - 3.0 { v + (x - left) / 5.0 } else { v - (left - x) * 8.0 / 30.0 };
+        let u = if x >= left { middle + (x - left) / 5.0 } else { middle - (left - x) * 8.0 / 30.0 };
         let truth = u + 10.0 * v;
         assert!((f64::from(*value) - truth).abs() < 1e-3, "{x} {y}: {value} {truth}");
         seen += 1;
