@@ -176,7 +176,7 @@ pub fn triangulate(contours: &[&[Point]], options: Options) -> Result<Compatible
 }
 
 /// Triangles from common diagonals, and overlays where these do not reach; adds interior points.
-fn base(points: &mut Vec<Vec<Point>>) -> Vec<[usize; 3]> {
+fn base(points: &mut [Vec<Point>]) -> Vec<[usize; 3]> {
     let parts = diagonals::partition(points);
     let mut triangles = parts.triangles;
     for hole in parts.holes {
