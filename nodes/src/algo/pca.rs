@@ -11,8 +11,8 @@ pub struct Space {
     pub components: Vec<Vec<f64>>,
     /// Variance of the examples along each, over their number, [l].
     pub variances: Vec<f64>,
-    /// Largest coordinate of an example along each, [l].
-    pub reach: Vec<f64>,
+    /// Of each example, along each, [m, l].
+    pub coordinates: Vec<Vec<f64>>,
     /// For 0, 1, 2, ... components the error of the worst example, as all components are added up to the rank of the examples.
     pub errors: Vec<f64>,
 }
@@ -64,7 +64,7 @@ pub fn pca(examples: &[&[f64]], points: usize, keep: Keep) -> Result<Space, PcaE
     let mean: Vec<f64> = (0..d).map(|i| examples.iter().map(|e| e[i]).sum::<f64>() / m as f64).collect();
     let mut rest: Vec<Vec<f64>> = examples.iter().map(|e| e.iter().zip(&mean).map(|(a, b)| a - b).collect()).collect();
     let directions = directions(&rest);
-    let mut space = Space { mean, components: Vec::new(), variances: Vec::new(), reach: Vec::new(), errors: Vec::new() };
+    let mut space = Space { mean, components: Vec::new(), variances: Vec::new(), coordinates: vec![Vec::new(); m], errors: Vec::new() };
     let worst = |rest: &[Vec<f64>]| rest.iter().map(|r| (inner(r, r) / points.max(1) as f64).sqrt()).fold(0.0, f64::max);
     space.errors.push(worst(&rest));
     for mut direction in directions {
@@ -81,7 +81,7 @@ pub fn pca(examples: &[&[f64]], points: usize, keep: Keep) -> Result<Space, PcaE
             r.iter_mut().zip(&direction).for_each(|(v, c)| *v -= a * c);
         }
         space.variances.push(inner(&along, &along) / m as f64);
-        space.reach.push(along.iter().fold(0.0, |a, b| a.max(b.abs())));
+        space.coordinates.iter_mut().zip(&along).for_each(|(c, a)| c.push(*a));
         space.components.push(direction);
         space.errors.push(worst(&rest));
     }
@@ -91,7 +91,7 @@ pub fn pca(examples: &[&[f64]], points: usize, keep: Keep) -> Result<Space, PcaE
     };
     space.components.truncate(kept);
     space.variances.truncate(kept);
-    space.reach.truncate(kept);
+    space.coordinates.iter_mut().for_each(|c| c.truncate(kept));
     Ok(space)
 }
 

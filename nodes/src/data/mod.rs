@@ -9,7 +9,7 @@ mod shape;
 mod weights;
 
 pub use affine::Affine2;
-pub use basis::Basis;
+pub use basis::{Basis, BasisKind};
 pub use image::Image;
 pub(crate) use image::LARGEST;
 pub use key_images::KeyImages;

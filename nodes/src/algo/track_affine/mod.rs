@@ -36,6 +36,7 @@ use crate::algo::raster::{Affine, Raster, compose, identity};
 use level::{Level, Scratch};
 pub use options::{Guess, Model, Options, Region, Robust, Search, Tone, TrackError};
 use options::{check_options, check_picture};
+pub(crate) use planes::toned;
 use planes::{Key, Planes, crop, pyramid};
 use region::{Extent, extent, mask_planes, region_weight, used_channels, window_of, with_rim};
 use run::{Attempt, Run, View, failed};

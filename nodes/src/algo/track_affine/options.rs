@@ -29,7 +29,8 @@ pub enum Robust {
 }
 
 /// What the differences are taken of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, pegbar_engine::Setting)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, pegbar_engine::Setting)]
+#[serde(rename_all = "snake_case")]
 pub enum Tone {
     /// The samples as they are.
     Linear,

@@ -65,7 +65,7 @@ const TOE_ROOT: f32 = 0.04;
 
 /// One sample as the tracker sees it.
 #[inline(always)]
-pub(super) fn toned(x: f32, tone: Tone) -> f32 {
+pub(crate) fn toned(x: f32, tone: Tone) -> f32 {
     let x = if x.abs() <= LARGEST { x } else { 0.0 };
     match tone {
         Tone::Linear => x,

@@ -2,10 +2,18 @@ use super::*;
 use crate::counted::clock;
 use pegbar_engine::node::Cancel;
 
-fn run(shapes: &[Vec<[f64; 2]>], max_error: f64, components: Option<u32>) -> Result<KeysBasisOutputs, NodeError> {
-    let (clock, cancel) = (clock(1), Cancel::default());
+fn node(shapes: &[Vec<[f64; 2]>]) -> KeysBasis {
     let keys = In::new(key_shapes(shapes, Vec::new(), true).unwrap());
-    KeysBasis { keys, max_error, components }.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &cancel })
+    KeysBasis { keys, images: None, max_error: None, components: None, tone: Tone::Linear }
+}
+
+fn run_node(node: KeysBasis) -> Result<KeysBasisOutputs, NodeError> {
+    let (clock, cancel) = (clock(1), Cancel::default());
+    node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &cancel })
+}
+
+fn run(shapes: &[Vec<[f64; 2]>], max_error: f64, components: Option<u32>) -> Result<KeysBasisOutputs, NodeError> {
+    run_node(KeysBasis { max_error: Some(max_error), components, ..node(shapes) })
 }
 
 fn shapes() -> Vec<Vec<[f64; 2]>> {
@@ -47,6 +55,61 @@ fn the_shapes_of_the_space_make_the_examples() {
 #[test]
 fn shapes_that_are_no_numbers_are_refused() {
     let error = run(&[vec![[f64::NAN, 0.0]]], 0.1, None).err().unwrap();
-    assert_eq!(error.message, "expected finite coordinates, found NaN, infinity or one beyond 1e100 in example 0");
+    assert_eq!(error.message, "expected finite points, found NaN or infinity in key 0");
     assert_eq!(run(&[], 0.1, None).err().unwrap().message, "expected at least one example with coordinates, found none");
+}
+
+/// Three pictures of 5 by 4 in one channel and alpha: what is at column 2 and row 1 grows, what is at (3, 2) shrinks.
+fn pictures(n: usize) -> KeyImages {
+    let mut pixels = vec![0.0; n * 40];
+    for k in 0..n {
+        let t = k as f32 / 2.0;
+        pixels[k * 40 + (5 + 2) * 2..][..2].copy_from_slice(&[0.25 + 0.5 * t, 1.0]);
+        pixels[k * 40 + (2 * 5 + 3) * 2..][..2].copy_from_slice(&[0.75 - 0.5 * t, 1.0]);
+    }
+    KeyImages { pixels: NdArray::new([n, 4, 5, 2], pixels).unwrap(), names: Vec::new() }
+}
+
+#[test]
+fn pictures_span_a_space_of_what_is_drawn() {
+    let shapes: Vec<Vec<[f64; 2]>> = (0..3).map(|k| vec![[f64::from(k), 0.0], [10.0, 0.0], [0.0, 10.0]]).collect();
+    let pictured = KeysBasis { images: Some(In::new(pictures(3))), ..node(&shapes) };
+    let found = run_node(pictured).unwrap();
+    let basis = &found.basis;
+    assert_eq!(
+        (basis.kind, basis.window, basis.display_window),
+        (BasisKind::Images, Some(Window::new(2, 1, 2, 2)), Some(Window::at_origin(5, 4)))
+    );
+    assert_eq!((basis.channels.join(""), basis.components.shape()), ("YA".to_owned(), [1, 8]));
+    assert_eq!(basis.mean, [0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]);
+    let half = 0.5_f64.sqrt();
+    let truth = [half, 0.0, 0.0, 0.0, 0.0, 0.0, -half, 0.0];
+    let sign = basis.components.data()[0].signum();
+    assert!(basis.components.data().iter().zip(truth).all(|(a, b)| (a * sign - b).abs() < 1e-6), "{:?}", basis.components);
+    assert!((basis.reach()[0] - 0.125_f64.sqrt()).abs() < 1e-6);
+    // Weight 1 along the component is the last picture, so that its contour is what goes with it.
+    let span = contours(&found.keys);
+    assert!((span[0][0][0] - (1.0 + sign)).abs() < 1e-6 && (span[1][0][0] - 1.0).abs() < 1e-12, "{span:?}");
+}
+
+#[test]
+fn the_tone_leaves_alpha_alone() {
+    let pictured = KeysBasis { images: Some(In::new(pictures(3))), tone: Tone::Encoded, ..node(&shapes()[..3]) };
+    let basis = run_node(pictured).unwrap().basis;
+    let truth = [0.25, 0.5, 0.75].map(|v| f64::from(toned(v, Tone::Encoded))).iter().sum::<f64>() / 3.0;
+    assert!((basis.mean[0] - truth).abs() < 1e-12 && basis.mean[1] == 1.0);
+}
+
+#[test]
+fn pictures_that_do_not_fit_are_refused() {
+    let message = |images, n| run_node(KeysBasis { images: Some(In::new(images)), ..node(&shapes()[..n]) }).err().unwrap().message;
+    assert_eq!(message(pictures(2), 3), "expected 3 pictures, one for each key, found 2");
+    let blank = KeyImages { pixels: NdArray::new([3, 4, 5, 2], vec![0.0; 120]).unwrap(), names: Vec::new() };
+    assert_eq!(message(blank, 3), "expected pictures with something on them, found none that is not empty");
+    let mut bad = pictures(3);
+    bad.pixels.data_mut()[15] = f32::NAN;
+    assert_eq!(message(bad, 3), "expected finite coordinates, found NaN, infinity or one beyond 1e100 in example 0");
+    let mut empty = pictures(3);
+    empty.pixels = NdArray::new([3, 0, 0, 0], Vec::new()).unwrap();
+    assert_eq!(message(empty, 3), "expected pictures with something on them, found none that is not empty");
 }
