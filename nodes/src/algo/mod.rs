@@ -7,6 +7,7 @@ pub mod color;
 pub mod color_clusters;
 pub mod compatible;
 pub mod filter;
+pub mod fit_affine;
 pub mod generate;
 pub mod grade;
 pub mod grid;
