@@ -8,6 +8,7 @@ use crate::data::{Affine2, Basis, Image, KeyImages, KeyShapes, Matte, Shape, Wei
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
     ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
+    ImageWarpMesh,
 };
 use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::keys::{KeysBasis, KeysInbetween};
@@ -62,6 +63,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ImageTransform>()
         .per_frame::<ImageUnpremultiply>()
         .per_frame::<ImageWarpAffine>()
+        .recurrent::<ImageWarpMesh>()
         .per_frame::<IoReadImage>()
         .per_frame::<IoReadImages>()
         .per_frame::<IoReadValue>()

@@ -17,6 +17,7 @@ mod statistics;
 mod transform;
 mod unpremultiply;
 mod warp_affine;
+mod warp_mesh;
 
 pub(crate) use blur::ImageBlur;
 pub(crate) use checkerboard::ImageCheckerboard;
@@ -35,6 +36,7 @@ pub(crate) use statistics::ImageStatistics;
 pub(crate) use transform::ImageTransform;
 pub(crate) use unpremultiply::ImageUnpremultiply;
 pub(crate) use warp_affine::ImageWarpAffine;
+pub(crate) use warp_mesh::ImageWarpMesh;
 
 use pegbar_engine::Outputs;
 use pegbar_engine::node::NodeError;

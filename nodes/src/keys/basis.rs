@@ -6,8 +6,8 @@
 //!
 //! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 3.1.3, equation 3; section 3.3, equations 14 and 15 (pictures).
 //!
-//! **Fails when** a point is not finite, or there is not one picture for each key. Keys that differ by an affine motion spend components on it: draw
-//! them in one place.
+//! **Fails when** a point is not finite, or there is not one picture for each key. Keys that differ by an affine motion spend components on it:
+//! `align` them.
 //!
 //! **Cost** O(m² d) for m examples of d coordinates or samples.
 //!
@@ -20,9 +20,11 @@ use pegbar_engine::node::{Context, In, NodeError, PerFrame};
 use pegbar_engine::value::{Curve, Vector};
 use pegbar_engine::{Node, Outputs};
 
-use super::{contours, key_shapes};
+use super::{AlignTo, align, contours, key_shapes};
 use crate::algo::pca::{Keep, Space, pca};
-use crate::algo::track_affine::{Tone, toned};
+use crate::algo::raster::{Affine, Raster};
+use crate::algo::track_affine::{Model, Tone, toned};
+use crate::algo::warp_affine::{Filter, Outside, Source, WarpOptions, warp_affine};
 use crate::algo::window::Window;
 use crate::data::{Basis, BasisKind, Image, KeyImages, KeyShapes};
 
@@ -56,6 +58,12 @@ pub(crate) struct KeysBasis {
     /// Number of components, whatever the error. As many as `max_error` needs where it is left out; the paper takes 10 of pictures.
     #[input(default = None, range = 0..=10000)]
     components: Option<u32>,
+    /// What keys and their pictures are moved onto before they are compared, so that no component is spent on what a motion can do (eq. 5).
+    #[input(default = none)]
+    align: AlignTo,
+    /// Motions that `align` may use.
+    #[input(default = affine)]
+    align_model: Model,
     /// How samples of pictures are encoded before they are compared; `track.eigen` takes the footage in the same way.
     #[input(default = encoded)]
     tone: Tone,
@@ -97,13 +105,27 @@ fn of_shapes(shapes: &[Vec<[f64; 2]>]) -> Result<Examples, NodeError> {
     Ok(Examples { rows, places, max_error: SHAPE_ERROR, of: Basis { kind: BasisKind::Shapes, ..empty()? } })
 }
 
-/// The samples of pictures where any of them has some.
-fn of_images(images: &KeyImages, n_keys: usize, tone: Tone) -> Result<Examples, NodeError> {
+/// Pictures moved with their keys, in their format.
+fn moved(images: &KeyImages, motions: &[Affine]) -> Result<KeyImages, NodeError> {
     let [n, h, w, c] = images.pixels.shape();
-    if n != n_keys {
+    if n != motions.len() {
         let help = "`keys.inbetween` makes the pictures of what it puts between keys";
-        return Err(NodeError::input(format!("expected {n_keys} pictures, one for each key, found {n}")).help(help));
+        return Err(NodeError::input(format!("expected {} pictures, one for each key, found {n}", motions.len())).help(help));
     }
+    let mut all = images.clone();
+    let options = WarpOptions { filter: Filter::Cubic, outside: Outside::Transparent, antialias: true };
+    let each = (h * w * c).max(1);
+    let pictures = all.pixels.data_mut().chunks_exact_mut(each).zip(images.pixels.data().chunks_exact(each));
+    for ((into, data), motion) in pictures.zip(motions) {
+        let source = Source::new(Raster { data, width: w, height: h, channels: c }, [0, 0]);
+        warp_affine(source, motion, options, into, Window::at_origin(w, h)).map_err(|e| NodeError::input(e.to_string()))?;
+    }
+    Ok(all)
+}
+
+/// The samples of pictures where any of them has some.
+fn of_images(images: &KeyImages, tone: Tone) -> Result<Examples, NodeError> {
+    let [n, h, w, c] = images.pixels.shape();
     let window = filled(images);
     if window.is_empty() {
         return Err(NodeError::input("expected pictures with something on them, found none that is not empty"));
@@ -177,12 +199,13 @@ fn explained(space: &Space, examples: &[&[f64]]) -> Vec<f64> {
 
 impl PerFrame for KeysBasis {
     fn run(self, _cx: &Context) -> Result<KeysBasisOutputs, NodeError> {
-        let shapes = contours(&self.keys);
+        let mut shapes = contours(&self.keys);
         if let Some(key) = shapes.iter().position(|s| !s.as_flattened().iter().all(|v| v.is_finite())) {
             return Err(NodeError::input(format!("expected finite points, found NaN or infinity in key {key}")));
         }
+        let motions = align(&mut shapes, self.align, self.align_model)?;
         let examples = match &self.images {
-            Some(images) => of_images(images, shapes.len(), self.tone)?,
+            Some(images) => of_images(&moved(images, &motions)?, self.tone)?,
             None => of_shapes(&shapes)?,
         };
         let rows: Vec<&[f64]> = examples.rows.iter().map(Vec::as_slice).collect();

@@ -20,9 +20,11 @@ use pegbar_engine::{Node, Outputs, Setting};
 
 use super::{contours, key_shapes};
 use crate::algo::arap::{Gauge, Options as ArapOptions};
+use crate::algo::curve_bend::{CurveBend, Options as BendOptions};
 use crate::algo::key_blend::{Interpolation, KeyBlend, Options, inbetweens};
+use crate::algo::warp_affine::Filter;
 use crate::data::{Image, KeyImages, KeyShapes, LARGEST};
-use crate::retarget::{Carried, with_alpha};
+use crate::retarget::{Carried, dissolve, with_alpha};
 
 /// What lies between two keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Setting)]
@@ -75,6 +77,9 @@ pub(crate) struct KeysInbetweenOutputs {
     /// A picture for each; none where none were given. Premultiplied, with alpha.
     images: KeyImages,
 }
+
+/// How far outside its contour a picture is carried, pixels: a pen line runs on both sides of it.
+const MARGIN: f64 = 3.0;
 
 fn refused(error: impl std::fmt::Display) -> NodeError {
     NodeError::input(error.to_string()).help("method: linear takes any keys of one point order")
@@ -146,8 +151,15 @@ impl KeysInbetween {
             let options = Options { interpolation, count: 0, closed: self.keys.closed, mesh: true, arap: self.arap() };
             let blend = KeyBlend::new(&[keys[i], keys[j]], options).map_err(refused)?;
             let points = blend.blend(&[1.0 - t, t]).map_err(refused)?;
-            let carried = Carried { blend: &blend, margin: 2.0, filter: crate::algo::warp_affine::Filter::Cubic };
-            all.extend(carried.dissolve(&[&images[i], &images[j]], &[1.0 - t, t], &points, window)?);
+            let carried = |key: usize, image: &Image| -> Result<Carried, NodeError> {
+                let from = &blend.keys()[key];
+                if self.keys.closed {
+                    return Ok(Carried::filled(blend.triangles(), blend.n_contour(), from, &points, MARGIN));
+                }
+                Ok(Carried::bent(image, &CurveBend::new(from, &points, BendOptions::default()).map_err(refused)?))
+            };
+            let layers = [(carried(0, &images[i])?, &images[i], 1.0 - t), (carried(1, &images[j])?, &images[j], t)];
+            all.extend(dissolve(&layers, first.n_channels(), Filter::Cubic, window)?);
         }
         let pixels = NdArray::new([n, window.height, window.width, first.n_channels()], all);
         Ok(KeyImages { pixels: pixels.ok_or_else(|| NodeError::internal("pictures of another size"))?, names: self.names() })

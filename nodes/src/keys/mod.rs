@@ -1,8 +1,10 @@
 //! Key shapes and key pictures: what lies between them, and the space that they span.
 
+mod align;
 mod basis;
 mod inbetween;
 
+pub(crate) use align::{AlignTo, align};
 pub(crate) use basis::KeysBasis;
 pub(crate) use inbetween::KeysInbetween;
 

@@ -1,11 +1,12 @@
 //! `retarget.image`: a drawing or a photograph moved as the capture says, its pixels carried by a mesh.
 //!
 //! **Method** the keys' contours are filled with one triangulation ([`crate::algo::compatible`]) and blended ([`crate::algo::key_blend`]); every
-//! triangle carries its pixels ([`crate::algo::warp_mesh`]). Several pictures, one for each key, are carried to the same place and dissolved.
+//! triangle carries its pixels ([`crate::algo::warp_mesh`]). Several pictures, one for each key, are carried to the same place and dissolved. An open
+//! curve, a line of action, bends all of the picture around it ([`crate::algo::curve_bend`]).
 //!
-//! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 3.4.
+//! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 3.4 and Figures 12 and 13; Schaefer, McPhail, Warren 2006 (open curves).
 //!
-//! **Fails when** keys are open curves, or cross themselves: the error names the key and the edges.
+//! **Fails when** closed keys cross themselves: the error names the key and the edges.
 //!
 //! **Cost** once as `keys.inbetween`, then O(pixels inside · pictures) a frame; frames run in parallel once the first is made.
 //!
@@ -13,32 +14,23 @@
 //! "broom": (type: "retarget.image", image: "@photo", keys: "@keys", weights: "@capture.weights", motion: "@capture.motion"),
 //! ```
 
-use kurbo::Point;
-use pegbar_engine::node::{Context, Fault, In, List, NodeError, Recurrent};
-use pegbar_engine::{Node, Outputs, Setting};
+use pegbar_engine::node::{Context, In, List, NodeError, Recurrent};
+use pegbar_engine::{Node, Outputs};
 
-use super::{Carried, How, Ready, moved, placed, ready, refused, with_alpha};
-use crate::algo::key_blend::{Interpolation, KeyBlend};
-use crate::algo::paint::{FillRule, coverage, polygon};
+use super::{Carried, Edge, How, Made, Ready, covered, cut, dissolve, moved, placed, ready, refused, with_alpha};
+use crate::algo::curve_bend::{CurveBend, Options as BendOptions};
+use crate::algo::key_blend::Interpolation;
+use crate::algo::raster::invert;
+use crate::algo::track_affine::Model;
 use crate::algo::warp_affine::Filter;
 use crate::algo::window::Window;
 use crate::data::{Affine2, Image, KeyShapes, Weights};
-
-/// Where the picture ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Setting)]
-pub(crate) enum Edge {
-    /// As its alpha says where it has one, else at the contour.
-    Auto,
-    /// As its alpha says, up to the margin outside the contour.
-    Margin,
-    /// At the contour.
-    Cut,
-}
+use crate::keys::AlignTo;
 
 /// A drawing or a photograph moved as the capture says, its pixels carried by a mesh.
 ///
-/// Give one picture, on which the contour of the key `image_key` lies, or one for each key, which are dissolved by the weights. Keys are closed
-/// contours in the pictures' pixels.
+/// Give one picture, on which the contour of the key `image_key` lies, or one for each key, which are dissolved by the weights. Keys are
+/// closed contours in the pictures' pixels, or open curves, such as a line of action, that bend the picture around them.
 #[derive(Node)]
 #[node(
     id = "retarget.image",
@@ -72,15 +64,27 @@ pub(crate) struct RetargetImage {
     /// where it is left out.
     #[input(default = None, range = 0..=1000000)]
     anchor: Option<u32>,
+    /// What the keys are moved onto before they are blended, so that only the captured motion moves them (eq. 5).
+    #[input(default = none)]
+    align: AlignTo,
+    /// Motions that `align` may use.
+    #[input(default = affine)]
+    align_model: Model,
     /// The key, from 0, whose contour lies on a single picture.
     #[input(default = 0, range = 0..=100000)]
     image_key: u32,
-    /// Where the picture ends.
+    /// Where the picture ends. Of closed keys; with open ones as its alpha says.
     #[input(default = auto)]
     edge: Edge,
-    /// How far outside the contour pixels are carried along: the width of a pen line that the contour runs inside of.
+    /// How far outside a closed contour pixels are carried along: the width of a pen line that the contour runs inside of.
     #[input(default = 3.0, range = 0.0..=1000.0, unit = "px")]
     margin: f64,
+    /// How fast open keys lose hold of what is away from them. Small spreads a bend wide, large follows the nearest part alone.
+    #[input(default = 2.0, range = 1.0..=16.0)]
+    falloff: f64,
+    /// How much narrower the picture gets where an open key is stretched: 0 not at all, 1 so that areas are kept.
+    #[input(default = 0.0, range = 0.0..=2.0)]
+    volume: f64,
     /// How the picture is read between its pixels. Cubic is sharper, and slower.
     #[input(default = bilinear)]
     filter: Filter,
@@ -100,9 +104,8 @@ pub(crate) struct RetargetImageOutputs {
 }
 
 impl RetargetImage {
-    /// The pictures, and how much of each.
-    fn pictures(&self, blend: &KeyBlend) -> Result<(Vec<Option<&Image>>, Vec<f64>), NodeError> {
-        let k = blend.keys().len();
+    /// The pictures, with the key and the share of each.
+    fn pictures(&self, k: usize) -> Result<Vec<(usize, f64, &Image)>, NodeError> {
         let weights = &self.weights.weights;
         match self.image.0.len() {
             1 => {
@@ -110,10 +113,12 @@ impl RetargetImage {
                 if key >= k {
                     return Err(refused(format!("expected an image_key below {k}, the number of keys, found {key}")));
                 }
-                let image = self.image.0.first().map(|i| &**i);
-                Ok(((0..k).map(|i| image.filter(|_| i == key)).collect(), (0..k).map(|i| f64::from(u8::from(i == key))).collect()))
+                Ok(self.image.0.iter().map(|i| (key, 1.0, &**i)).collect())
             }
-            n if n == k && weights.len() == k => Ok((self.image.0.iter().map(|i| Some(&**i)).collect(), shares(weights))),
+            n if n == k && weights.len() == k => {
+                let each = self.image.0.iter().zip(shares(weights)).enumerate();
+                Ok(each.map(|(key, (i, share))| (key, share, &**i)).filter(|(_, share, _)| *share > 0.0).collect())
+            }
             n => Err(refused(format!(
                 "expected one picture, or {k} with {k} weights, one for each key, found {n} with {} weights",
                 weights.len()
@@ -121,24 +126,38 @@ impl RetargetImage {
         }
     }
 
-    fn draw(&self, blend: &KeyBlend) -> Result<Image, NodeError> {
-        let (pictures, shares) = self.pictures(blend)?;
-        let used: Vec<Option<Image>> =
-            pictures.iter().zip(&shares).map(|(p, w)| p.filter(|_| *w > 0.0).map(with_alpha).transpose()).collect::<Result<_, _>>()?;
-        let first = used.iter().flatten().next().ok_or_else(|| NodeError::internal("no picture has a weight"))?;
+    /// What carries a key's picture to the points of the blend.
+    fn carried(&self, made: &Made, key: usize, image: &Image, points: &[[f64; 2]]) -> Result<Carried, NodeError> {
+        let (blend, motion) = (&made.blend, &made.motions[key]);
+        let drawn =
+            invert(motion).ok_or_else(|| refused(format!("key {key}: expected points that are not on a line to align, found some")))?;
+        let from = moved(&blend.keys()[key], &drawn);
+        if self.keys.closed {
+            return Ok(Carried::filled(blend.triangles(), blend.n_contour(), &from, points, self.margin.max(1.0)));
+        }
+        let options = BendOptions { falloff: self.falloff, volume: self.volume };
+        let bend = CurveBend::new(&from, points, options).map_err(|e| refused(format!("key {key}: {e}")))?;
+        Ok(Carried::bent(image, &bend))
+    }
+
+    fn draw(&self, made: &Made) -> Result<Image, NodeError> {
+        let blend = &made.blend;
+        let pictures = self.pictures(blend.keys().len())?;
+        let used: Vec<Image> = pictures.iter().map(|(_, _, p)| with_alpha(p)).collect::<Result<_, _>>()?;
+        let first = used.first().ok_or_else(|| NodeError::internal("no picture has a weight"))?;
         let (format, channels) = (self.size.map_or(first.display_window(), |[w, h]| Window::from_bounds(0, 0, w, h)), first.n_channels());
-        if used.iter().flatten().any(|i| i.n_channels() != channels) {
+        if used.iter().any(|i| i.n_channels() != channels) {
             return Err(refused("expected pictures of the same channels, found others"));
         }
-        let had_alpha = pictures.iter().zip(&shares).filter(|(_, w)| **w > 0.0).all(|(p, _)| p.is_none_or(|p| p.alpha().is_some()));
         let map = placed(self.place.as_deref(), self.motion.as_deref())?;
         let points = moved(&blend.blend(&self.weights.weights).map_err(refused)?, &map);
-        let carried = Carried { blend, margin: self.margin.max(1.0), filter: self.filter };
-        let window = carried.bounds(&points).ok_or_else(|| refused("expected a shape within the range of pixels, found one beyond it"))?;
+        let layer = |((key, share, _), image): (&(usize, f64, &Image), _)| Ok((self.carried(made, *key, image, &points)?, image, *share));
+        let layers: Vec<(Carried, &Image, f64)> = pictures.iter().zip(&used).map(layer).collect::<Result<_, NodeError>>()?;
+        let window = covered(&layers)?;
         let window = if self.expand { window } else { window.intersect(&format) };
-        let views: Vec<Option<&Image>> = used.iter().map(Option::as_ref).collect();
-        let mut samples = carried.dissolve_some(&views, &shares, &points, window, channels)?;
-        if self.edge == Edge::Cut || self.edge == Edge::Auto && !had_alpha {
+        let mut samples = dissolve(&layers, channels, self.filter, window)?;
+        let had_alpha = pictures.iter().all(|(_, _, p)| p.alpha().is_some());
+        if self.keys.closed && (self.edge == Edge::Cut || self.edge == Edge::Auto && !had_alpha) {
             cut(&mut samples, &points[..blend.n_contour()], window, channels);
         }
         let image =
@@ -154,32 +173,21 @@ fn shares(weights: &[f64]) -> Vec<f64> {
     weights.iter().map(|w| if sum > 0.0 { w.max(0.0) / sum } else { 1.0 / n }).collect()
 }
 
-/// Leaves what is inside a contour, with soft pixels along it.
-fn cut(samples: &mut [f32], contour: &[[f64; 2]], window: Window, channels: usize) {
-    let own: Vec<Point> = contour.iter().map(|p| Point::new(p[0] - window.x as f64, p[1] - window.y as f64)).collect();
-    let inside = coverage(&polygon(&own), FillRule::NonZero, window.width, window.height);
-    for (pixel, share) in samples.chunks_exact_mut(channels).zip(inside) {
-        pixel.iter_mut().for_each(|v| *v *= share);
-    }
-}
-
 impl Recurrent for RetargetImage {
     type State = Ready;
 
     fn run(self, state: Option<&Ready>, _cx: &Context) -> Result<(RetargetImageOutputs, Ready), NodeError> {
-        if !self.keys.closed {
-            let error = NodeError::new(Fault::Input, "expected closed key shapes, which have an inside, found open ones");
-            return Err(error.help("close them, or draw the outline of what the curve moves"));
-        }
         let how = How {
             interpolation: self.interpolation,
             inbetweens: self.inbetweens,
             symmetric: self.symmetric,
             anchor: self.anchor,
+            align: self.align,
+            align_model: self.align_model,
             mesh: true,
         };
-        let (blend, state) = ready(&self.keys, state, how)?;
-        Ok((RetargetImageOutputs { image: self.draw(&blend)? }, state))
+        let (made, state) = ready(&self.keys, state, how)?;
+        Ok((RetargetImageOutputs { image: self.draw(&made)? }, state))
     }
 
     fn previous(&self, cx: &Context) -> Option<i64> {

@@ -4,7 +4,7 @@ mod carry;
 mod image;
 mod shapes;
 
-pub(crate) use carry::{Carried, with_alpha};
+pub(crate) use carry::{Carried, Edge, covered, cut, dissolve, with_alpha};
 pub(crate) use image::RetargetImage;
 pub(crate) use shapes::RetargetShapes;
 
@@ -17,8 +17,9 @@ use pegbar_engine::node::NodeError;
 use crate::algo::arap::{Gauge, Options as ArapOptions};
 use crate::algo::key_blend::{Interpolation, KeyBlend, Options};
 use crate::algo::raster::{Affine, apply, compose, identity};
+use crate::algo::track_affine::Model;
 use crate::data::{Affine2, KeyShapes};
-use crate::keys::contours;
+use crate::keys::{AlignTo, align, contours};
 
 /// Keys made ready to be blended, once for all frames.
 #[derive(Clone, Debug, Value)]
@@ -28,13 +29,15 @@ pub(crate) struct Ready {
     points: NdArray<f64, 3>,
     /// Made again where it is not there.
     #[value(skip)]
-    blend: OnceLock<Arc<KeyBlend>>,
+    made: OnceLock<Arc<Made>>,
 }
 
-impl Ready {
-    fn get(&self) -> Option<Arc<KeyBlend>> {
-        self.blend.get().cloned()
-    }
+/// Keys ready to be blended, and what moved each onto the others.
+#[derive(Debug)]
+struct Made {
+    blend: KeyBlend,
+    /// Blended from drawn, for each key.
+    motions: Vec<Affine>,
 }
 
 fn refused(error: impl std::fmt::Display) -> NodeError {
@@ -48,16 +51,19 @@ struct How {
     inbetweens: u32,
     symmetric: bool,
     anchor: Option<u32>,
+    align: AlignTo,
+    align_model: Model,
     mesh: bool,
 }
 
 /// The keys ready to be blended: as they were before, where they are the same.
-fn ready(keys: &KeyShapes, before: Option<&Ready>, how: How) -> Result<(Arc<KeyBlend>, Ready), NodeError> {
-    let kept = before.filter(|b| b.points == keys.points).and_then(Ready::get);
-    let blend = match kept {
-        Some(blend) => blend,
+fn ready(keys: &KeyShapes, before: Option<&Ready>, how: How) -> Result<(Arc<Made>, Ready), NodeError> {
+    let kept = before.filter(|b| b.points == keys.points).and_then(|b| b.made.get().cloned());
+    let made = match kept {
+        Some(made) => made,
         None => {
-            let shapes = contours(keys);
+            let mut shapes = contours(keys);
+            let motions = align(&mut shapes, how.align, how.align_model)?;
             let options = Options {
                 interpolation: how.interpolation,
                 count: how.inbetweens as usize,
@@ -71,11 +77,11 @@ fn ready(keys: &KeyShapes, before: Option<&Ready>, how: How) -> Result<(Arc<KeyB
             };
             let views: Vec<&[[f64; 2]]> = shapes.iter().map(Vec::as_slice).collect();
             let help = "interpolation: linear takes any keys of one point order";
-            Arc::new(KeyBlend::new(&views, options).map_err(|e| refused(e).help(help))?)
+            Arc::new(Made { blend: KeyBlend::new(&views, options).map_err(|e| refused(e).help(help))?, motions })
         }
     };
-    let state = Ready { points: keys.points.clone(), blend: OnceLock::from(blend.clone()) };
-    Ok((blend, state))
+    let state = Ready { points: keys.points.clone(), made: OnceLock::from(made.clone()) };
+    Ok((made, state))
 }
 
 /// The motion after the placement.

@@ -1,6 +1,6 @@
 //! `retarget.shapes`: captured weights and motion put on other key shapes.
 //!
-//! **Method** the keys are blended by the weights, as `interpolation` says ([`crate::algo::key_blend`]), then moved by the captured motion.
+//! **Method** the keys are moved onto each other where `align` says so, blended by the weights, as `interpolation` says ([`crate::algo::key_blend`]), then moved by the captured motion.
 //!
 //! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 3.4 and equations 2 and 3; Alexa, Cohen-Or, Levin 2000.
 //!
@@ -17,7 +17,9 @@ use pegbar_engine::{Node, Outputs};
 
 use super::{How, Ready, moved, placed, ready, refused};
 use crate::algo::key_blend::Interpolation;
+use crate::algo::track_affine::Model;
 use crate::data::{Affine2, KeyShapes, Shape, Weights};
+use crate::keys::AlignTo;
 
 /// Captured weights and motion put on other key shapes.
 ///
@@ -53,6 +55,12 @@ pub(crate) struct RetargetShapes {
     /// where it is left out.
     #[input(default = None, range = 0..=1000000)]
     anchor: Option<u32>,
+    /// What the keys are moved onto before they are blended, so that only the captured motion moves them (eq. 5).
+    #[input(default = none)]
+    align: AlignTo,
+    /// Motions that `align` may use.
+    #[input(default = affine)]
+    align_model: Model,
 }
 
 /// The target's shape.
@@ -71,11 +79,13 @@ impl Recurrent for RetargetShapes {
             inbetweens: self.inbetweens,
             symmetric: self.symmetric,
             anchor: self.anchor,
+            align: self.align,
+            align_model: self.align_model,
             mesh: false,
         };
-        let (blend, state) = ready(&self.keys, state, how)?;
-        let mut points = blend.blend(&self.weights.weights).map_err(refused)?;
-        points.truncate(blend.n_contour());
+        let (made, state) = ready(&self.keys, state, how)?;
+        let mut points = made.blend.blend(&self.weights.weights).map_err(refused)?;
+        points.truncate(made.blend.n_contour());
         let map = placed(self.place.as_deref(), self.motion.as_deref())?;
         Ok((RetargetShapesOutputs { shape: Shape { points: moved(&points, &map), closed: self.keys.closed } }, state))
     }

@@ -14,7 +14,8 @@ mod tests;
 use crate::algo::compatible::{Point, cross, sub};
 
 pub use open::OpenBlend;
-use skyline::Skyline;
+pub(crate) use open::followed;
+pub(crate) use skyline::Skyline;
 
 /// What holds a blend in place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,6 +92,9 @@ pub enum ArapError {
         /// The point asked for.
         found: usize,
     },
+    /// A curve whose points all coincide.
+    #[error("expected a curve of at least two points that are apart, found none")]
+    Short,
     /// Weights of another number.
     #[error("expected {expected} weights, one for each key, found {found}")]
     Weights {

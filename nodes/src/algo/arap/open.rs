@@ -83,8 +83,8 @@ fn blended_length(lengths: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     libm::exp(lengths.map(|(l, w)| w * libm::log(l)).sum())
 }
 
-/// Angles and lengths of a curve's edges: against the first key the turn goes on from edge to edge, and is half a turn at the most on the mean.
-fn followed(points: &[Point], first: Option<&Vec<[f64; 2]>>) -> Vec<[f64; 2]> {
+/// Angles and lengths of a curve's edges, by themselves; against the first key the turn goes on from edge to edge, and is half a turn at the most on the mean.
+pub(crate) fn followed(points: &[Point], first: Option<&Vec<[f64; 2]>>) -> Vec<[f64; 2]> {
     let mut edges = Vec::with_capacity(points.len().saturating_sub(1));
     let mut turn = 0.0;
     for (i, pair) in points.windows(2).enumerate() {

@@ -3,10 +3,10 @@
 //! Cholesky's method inside the envelope (George, Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4) in the
 //! order of Cuthill and McKee, reversed. Meshes of contours are long or small, so that the envelope is thin.
 
-/// L and D of L D Lᵀ, of the matrix without its first row and column in order: the Laplacian knows nothing of where a mesh is.
+/// L and D of L D Lᵀ. Of a Laplacian, which knows nothing of where a mesh is, without the first row and column in order.
 #[derive(Debug)]
-pub(super) struct Skyline {
-    /// Row of each point.
+pub(crate) struct Skyline {
+    /// Row of each point; row 0 is not solved for.
     row: Vec<usize>,
     /// First column of each row's envelope, and where its values start.
     first: Vec<usize>,
@@ -18,15 +18,25 @@ pub(super) struct Skyline {
 }
 
 impl Skyline {
-    /// Factors the matrix of `entries` (row, column, value; one triangle, repeated ones add up); `None` where it falls apart.
-    pub(super) fn new(n: usize, entries: &[(u32, u32, f64)]) -> Option<Self> {
-        let row = order(n, entries)?;
+    /// Factors the Laplacian of `entries` (row, column, value; one triangle, repeated ones add up), with one point left where it is; `None` where
+    /// not all points hang together.
+    pub(crate) fn new(n: usize, entries: &[(u32, u32, f64)]) -> Option<Self> {
+        let (row, parts) = order(n, entries);
+        if parts == 1 { Self::with_rows(n, row, entries) } else { None }
+    }
+
+    /// Factors a matrix all of which is solved for; `None` where it is not positive definite.
+    pub(crate) fn definite(n: usize, entries: &[(u32, u32, f64)]) -> Option<Self> {
+        let row = order(n, entries).0.iter().map(|r| r + 1).collect();
+        Self::with_rows(n + 1, row, entries)
+    }
+
+    fn with_rows(n: usize, row: Vec<usize>, entries: &[(u32, u32, f64)]) -> Option<Self> {
         let place = |&(i, j, _): &(u32, u32, f64)| {
             let (i, j) = (row[i as usize], row[j as usize]);
             (i.max(j), i.min(j))
         };
         let mut first: Vec<usize> = (0..n).collect();
-        // The first point in order stays where it is: its row and column are left out.
         for (i, j) in entries.iter().map(place).filter(|&(_, j)| j > 0) {
             first[i] = first[i].min(j);
         }
@@ -75,7 +85,7 @@ impl Skyline {
     }
 
     /// Solves for `width` right-hand sides at once, those of one point next to each other; the first point in order comes out as 0.
-    pub(super) fn solve(&self, sides: &mut [f64], width: usize) {
+    pub(crate) fn solve(&self, sides: &mut [f64], width: usize) {
         let n = self.first.len();
         let mut x = vec![0.0; n * width];
         for (i, &r) in self.row.iter().enumerate().filter(|&(_, &r)| r > 0) {
@@ -117,8 +127,8 @@ fn inner(a: &[f64], b: &[f64]) -> f64 {
     (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]) + rest
 }
 
-/// The reverse of Cuthill and McKee's order, as the row of each point; `None` where not all points hang together.
-fn order(n: usize, entries: &[(u32, u32, f64)]) -> Option<Vec<usize>> {
+/// The reverse of Cuthill and McKee's order, as the row of each point, and the number of parts that do not hang together.
+fn order(n: usize, entries: &[(u32, u32, f64)]) -> (Vec<usize>, usize) {
     let mut near = vec![Vec::new(); n];
     for &(i, j, _) in entries.iter().filter(|e| e.0 != e.1) {
         near[i as usize].push(j);
@@ -130,13 +140,19 @@ fn order(n: usize, entries: &[(u32, u32, f64)]) -> Option<Vec<usize>> {
     }
     // A far end, found by two walks, makes the levels narrow.
     let end = |from: usize| levels(&near, from).last().copied().unwrap_or(from);
-    let sorted = levels(&near, end(end(0)));
-    if sorted.len() != n {
-        return None;
+    let (mut sorted, mut parts) = (Vec::with_capacity(n), 0);
+    let mut seen = vec![false; n];
+    for from in 0..n {
+        if !seen[from] {
+            let part = levels(&near, end(end(from)));
+            part.iter().for_each(|&v| seen[v] = true);
+            sorted.extend(part);
+            parts += 1;
+        }
     }
     let mut row = vec![0; n];
     sorted.iter().rev().enumerate().for_each(|(r, &v)| row[v] = r);
-    Some(row)
+    (row, parts)
 }
 
 /// Points by their distance in edges, those of few neighbours first.

@@ -4,7 +4,8 @@ use pegbar_engine::node::Cancel;
 
 fn node(shapes: &[Vec<[f64; 2]>]) -> KeysBasis {
     let keys = In::new(key_shapes(shapes, Vec::new(), true).unwrap());
-    KeysBasis { keys, images: None, max_error: None, components: None, tone: Tone::Linear }
+    let (align, align_model) = (AlignTo::None, Model::Affine);
+    KeysBasis { keys, images: None, max_error: None, components: None, align, align_model, tone: Tone::Linear }
 }
 
 fn run_node(node: KeysBasis) -> Result<KeysBasisOutputs, NodeError> {
@@ -112,4 +113,20 @@ fn pictures_that_do_not_fit_are_refused() {
     let mut empty = pictures(3);
     empty.pixels = NdArray::new([3, 0, 0, 0], Vec::new()).unwrap();
     assert_eq!(message(empty, 3), "expected pictures with something on them, found none that is not empty");
+}
+
+/// Keys and pictures that differ by a motion alone span nothing once they are aligned.
+#[test]
+fn what_a_motion_can_do_takes_no_component() {
+    let triangle = |d: f64| vec![[1.0 + d, 1.0], [3.0 + d, 1.0], [1.0 + d, 3.0]];
+    let shapes: Vec<Vec<[f64; 2]>> = (0..3).map(|k| triangle(f64::from(k))).collect();
+    let mut pixels = vec![0.0; 3 * 6 * 8];
+    (0..3).for_each(|k| pixels[k * 48 + 2 * 8 + 2 + k] = 1.0);
+    let images = KeyImages { pixels: NdArray::new([3, 6, 8, 1], pixels).unwrap(), names: Vec::new() };
+    for align in [AlignTo::None, AlignTo::First, AlignTo::Mean] {
+        let shaped = KeysBasis { align, ..node(&shapes) };
+        let pictured = KeysBasis { images: Some(In::new(images.clone())), align, align_model: Model::Translation, ..node(&shapes) };
+        let counts = [shaped, pictured].map(|n| run_node(n).unwrap().count.value);
+        assert_eq!(counts, if align == AlignTo::None { [1.0, 2.0] } else { [0.0, 0.0] }, "{align:?}");
+    }
 }

@@ -25,6 +25,10 @@ fn node(images: Vec<Image>, weights: &[f64]) -> RetargetImage {
         inbetweens: 3,
         symmetric: true,
         anchor: None,
+        align: AlignTo::None,
+        align_model: Model::Affine,
+        falloff: 2.0,
+        volume: 0.0,
         image_key: 0,
         edge: Edge::Auto,
         margin: 1.0,
@@ -79,11 +83,8 @@ fn one_picture_may_belong_to_any_key() {
 }
 
 #[test]
-fn what_has_no_inside_or_no_picture_is_refused() {
+fn pictures_that_do_not_go_with_the_keys_are_refused() {
     let message = |node| run(node).err().unwrap().message;
-    let mut open = node(vec![flat(4, 0.5)], &[1.0, 0.0]);
-    open.keys = In::new(keys(false));
-    assert_eq!(message(open), "expected closed key shapes, which have an inside, found open ones");
     assert_eq!(
         message(node(Vec::new(), &[1.0, 0.0])),
         "expected one picture, or 2 with 2 weights, one for each key, found 0 with 2 weights"
@@ -99,4 +100,52 @@ fn a_shape_off_the_format_is_nowhere() {
     let mut node = node(vec![flat(4, 0.5)], &[1.0, 0.0]);
     node.motion = Some(In::new(Affine2 { matrix: [[1.0, 0.0, 500.0], [0.0, 1.0, 0.0]] }));
     assert!(run(node).unwrap().samples().is_empty());
+}
+
+/// A picture with a stroke of two by twenty pixels, and its line of action, upright and bent by half a turn.
+fn stroke() -> RetargetImage {
+    let mut samples = vec![0.0; 40 * 30 * 4];
+    (5..25).for_each(|y| samples[(y * 40 + 19) * 4..][..8].fill(1.0));
+    let upright = (0..=20).map(|i| [20.0, 5.0 + f64::from(i)]);
+    let bent = (0..=20)
+        .map(|i| libm::sincos(f64::from(i) * std::f64::consts::PI / 20.0))
+        .map(|(s, c)| [20.0 - 20.0 / 3.1416 * (1.0 - c), 10.0 + 20.0 / 3.1416 * s]);
+    let mut made = node(vec![Image::new(40, 30, 4, samples).unwrap()], &[0.0, 1.0]);
+    let points = upright.chain(bent).flatten().collect();
+    made.keys = In::new(KeyShapes { points: NdArray::new([2, 21, 2], points).unwrap(), names: Vec::new(), closed: false });
+    made
+}
+
+#[test]
+fn an_open_curve_bends_the_picture_around_it() {
+    let image = run(stroke()).unwrap();
+    // On the arc there is paint, and inside of it there is none.
+    for i in 1..8 {
+        let (s, c) = libm::sincos(f64::from(i) * std::f64::consts::PI / 8.0);
+        let at = [20.0 - 20.0 / 3.1416 * (1.0 - c), 10.0 + 20.0 / 3.1416 * s];
+        assert!(pixel(&image, at[0] as i64, at[1] as i64)[3] > 0.4, "{i}: {:?}", pixel(&image, at[0] as i64, at[1] as i64));
+    }
+    assert!(pixel(&image, 14, 11)[3] < 1e-6 && pixel(&image, 13, 13)[3] < 1e-6);
+    let paint: f32 = image.samples().iter().skip(3).step_by(4).sum();
+    assert!((paint - 40.0).abs() < 3.0, "{paint}");
+    let mut still = stroke();
+    still.weights = In::new(Weights { weights: vec![1.0, 0.0] });
+    let image = run(still).unwrap();
+    assert!((5..25).all(|y| pixel(&image, 19, y) == [1.0; 4] && pixel(&image, 18, y)[3] < 1e-4), "{:?}", pixel(&image, 18, 12));
+}
+
+/// Aligned keys are blended in one place, and each picture is still read where it was drawn.
+#[test]
+fn pictures_are_read_where_they_were_drawn() {
+    let shifted = vec![2.0, 2.0, 6.0, 2.0, 6.0, 6.0, 2.0, 6.0, 5.0, 4.0, 9.0, 4.0, 9.0, 8.0, 5.0, 8.0];
+    let spot = |x: usize, y: usize| {
+        let mut samples = vec![0.0; 576];
+        samples[(y * 12 + x) * 4..][..4].fill(1.0);
+        Image::new(12, 12, 4, samples).unwrap()
+    };
+    let mut node = node(vec![spot(4, 3), spot(7, 5)], &[0.5, 0.5]);
+    node.keys = In::new(KeyShapes { points: NdArray::new([2, 4, 2], shifted).unwrap(), names: Vec::new(), closed: true });
+    node.align = AlignTo::First;
+    let image = run(node).unwrap();
+    assert!(pixel(&image, 4, 3).iter().all(|v| (v - 1.0).abs() < 1e-5), "{:?}", pixel(&image, 4, 3));
 }

@@ -20,6 +20,8 @@ fn node(weights: &[f64], interpolation: Interpolation) -> RetargetShapes {
         inbetweens: 3,
         symmetric: true,
         anchor: None,
+        align: AlignTo::None,
+        align_model: Model::Affine,
     }
 }
 
@@ -65,4 +67,14 @@ fn weights_and_motions_that_do_not_fit_are_refused() {
     let mut node = node(&[1.0, 0.0], Interpolation::Linear);
     node.motion = Some(In::new(Affine2 { matrix: [[f64::NAN; 3]; 2] }));
     assert_eq!(run(node, None).err().unwrap().message, "motion: expected a finite affine map, found NaN or infinity");
+}
+
+/// Section 3.4: the affine motion between output keys is taken out, what is between them blended, and the captured motion put on.
+#[test]
+fn aligned_keys_leave_the_motion_to_the_capture() {
+    let mut turned = node(&[0.25, 0.75], Interpolation::Linear);
+    turned.align = AlignTo::First;
+    let shape = run(turned, None).unwrap().0.shape;
+    let first = contours(&keys()).remove(0);
+    assert!(shape.points.iter().flatten().zip(first.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-9), "{shape:?}");
 }
