@@ -31,7 +31,7 @@ struct Tracked {
     converged: usize,
 }
 
-fn folder() -> Option<PathBuf> {
+pub(crate) fn folder() -> Option<PathBuf> {
     let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data/cartoons"));
     let found = std::env::var_os("PEGBAR_CARTOONS").map_or(beside, PathBuf::from);
     found.is_dir().then_some(found)

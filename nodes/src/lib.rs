@@ -1,6 +1,7 @@
 //! The animation nodes of Pegbar: data types at the bottom, `algo` above them (pure functions), one file a node on top.
 
 pub mod algo;
+mod capture;
 mod cel;
 mod comp;
 #[cfg(test)]
@@ -16,6 +17,8 @@ mod plot;
 mod registry;
 mod render;
 mod retarget;
+mod shape;
+mod solve;
 mod time;
 mod track;
 

@@ -2,6 +2,7 @@
 
 use pegbar_engine::registry::Registry;
 
+use crate::capture::CaptureContour;
 use crate::cel::{CelArt, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Basis, Image, KeyImages, KeyShapes, Matte, Shape, Weights};
@@ -16,6 +17,12 @@ use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::render::{RenderShapes, RenderStrip};
 use crate::retarget::{RetargetImage, RetargetShapes};
+use crate::keys::{KeysChoose, KeysPick};
+use crate::matte::{MatteColorClusters, MatteFromImage};
+use crate::plot::{PlotCurves, PlotPlayhead};
+use crate::render::{RenderShapes, RenderStrip};
+use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
+use crate::solve::SolveKeyWeights;
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
 
@@ -40,6 +47,7 @@ fn types(registry: Registry) -> Registry {
 #[rustfmt::skip]
 fn nodes(registry: Registry) -> Registry {
     registry
+        .per_frame::<CaptureContour>()
         .per_frame::<CelArt>()
         .per_frame::<CelReference>()
         .per_frame::<CelScene>()
@@ -72,6 +80,8 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoWriteValue>()
         .per_frame::<KeysBasis>()
         .per_frame::<KeysInbetween>()
+        .whole::<KeysChoose>()
+        .whole::<KeysPick>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
         .whole::<PlotCurves>()
@@ -81,6 +91,10 @@ fn nodes(registry: Registry) -> Registry {
         .recurrent::<RetargetImage>()
         .recurrent::<RetargetShapes>()
         .per_frame::<RetimeApply>()
+        .per_frame::<ShapeFitAffine>()
+        .recurrent::<ShapeResample>()
+        .per_frame::<ShapeTrace>()
+        .whole::<SolveKeyWeights>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()
         .per_frame::<TimeOffset>()

@@ -1,7 +1,9 @@
 //! The mathematics of the stages: pure functions on slices and matrices, each citing its equation. Nothing here knows the engine.
 
 pub mod arap;
+pub mod capture_contour;
 pub mod cel;
+pub mod choose_keys;
 pub mod codec;
 pub mod color;
 pub mod color_clusters;
@@ -14,14 +16,17 @@ pub mod grade;
 pub mod grid;
 pub mod holds;
 pub mod key_blend;
+pub mod key_weights;
 pub mod merge;
 pub mod mesh_deform;
 pub mod paint;
 pub mod pca;
 pub mod plot;
 pub mod raster;
+pub mod resample;
 pub mod statistics;
 pub mod table;
+pub mod trace;
 pub mod track_affine;
 pub mod warp_affine;
 mod warp_area;

@@ -26,3 +26,10 @@ pub struct KeyShapes {
     #[value(text)]
     pub closed: bool,
 }
+
+impl KeyShapes {
+    /// All points, key by key.
+    pub fn by_point(&self) -> &[[f64; 2]] {
+        self.points.data().as_chunks().0
+    }
+}

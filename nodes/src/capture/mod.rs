@@ -1,0 +1,5 @@
+//! Captures: drawn motion as numbers.
+
+mod contour;
+
+pub(crate) use contour::CaptureContour;

@@ -1,0 +1,5 @@
+//! Solvers.
+
+mod key_weights;
+
+pub(crate) use key_weights::{SolveKeyWeights, bounds};
