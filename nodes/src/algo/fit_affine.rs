@@ -1,7 +1,8 @@
 //! The motion between two contours of the same points, in closed form.
 //!
-//! Bregler, Loeb, Chuang, Deshpande 2002, equations (5) and (6): A = V Sᵀ (S Sᵀ)⁻¹. Here both contours are centred, which takes the translation out exactly,
-//! and the two columns of S are made orthogonal one after the other, twice, in place of (S Sᵀ)⁻¹: the same answer without the squared condition number.
+//! Bregler, Loeb, Chuang, Deshpande 2002, equations (5) and (6): A = V Sᵀ (S Sᵀ)⁻¹. Here both contours are centred, which takes the
+//! translation out exactly, and the two columns of S are made orthogonal one after the other, twice, in place of (S Sᵀ)⁻¹: the same answer
+//! without the squared condition number.
 
 use super::raster::Affine;
 use super::track_affine::Model;
@@ -45,7 +46,8 @@ pub enum FitError {
     },
 }
 
-/// Spread across the line over spread along it, below which points count as lying on it: rounding of ordinary coordinates, squared conditioning left over.
+/// Spread across the line over spread along it, below which points count as lying on it: rounding of ordinary coordinates, squared
+/// conditioning left over.
 const FLAT: f64 = 1e-9;
 
 /// The first point that is not finite.
@@ -77,8 +79,8 @@ pub fn area(points: &[[f64; 2]]) -> f64 {
 
 /// The motion of `model` that takes `from` nearest to `to` in the sense of least squares.
 ///
-/// Two different points, or points on a line, do not determine an affine motion: a similarity is fitted then. Points that all coincide determine a
-/// translation alone. `model` of the answer says so.
+/// Two different points, or points on a line, do not determine an affine motion: a similarity is fitted then. Points that all coincide
+/// determine a translation alone. `model` of the answer says so.
 ///
 /// # Errors
 /// Contours with another number of points, without any, or with one that is not finite.
@@ -123,7 +125,8 @@ pub(crate) fn fit_finite(from: &[[f64; 2]], to: &[[f64; 2]], model: Model) -> Fi
     Fit { motion, rms: rms(&linear, from, to, s, v), model, condition }
 }
 
-/// A contour moved onto another as far as the model can: what is left is what the motion cannot do. Both are finite and have as many points.
+/// A contour moved onto another as far as the model can: what is left is what the motion cannot do. Both are finite and have as many
+/// points.
 pub(crate) fn aligned(points: &[[f64; 2]], onto: &[[f64; 2]], model: Model) -> Vec<[f64; 2]> {
     let m = fit_finite(points, onto, model).motion;
     points.iter().map(|p| [0, 1].map(|c| m[(c, 0)] * p[0] + m[(c, 1)] * p[1] + m[(c, 2)])).collect()

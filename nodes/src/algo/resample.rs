@@ -1,9 +1,10 @@
 //! Contours with one number of points in one order over time.
 //!
-//! Bregler, Loeb, Chuang, Deshpande 2002 take contours as "the same points in the same order" (section 3.2) and do not say how they come about. Here points stand
-//! at equal steps along the contour, between labelled anchors where there are some. Without anchors a contour is turned to begin where the one
-//! before it does, by the least squared distance, and on request its steps are stretched to follow the other's corners: the cheapest monotone matching of
-//! place and tangent (dynamic time warping, Sakoe, Chiba 1978, with a price on stretching).
+//! Bregler, Loeb, Chuang, Deshpande 2002 take contours as "the same points in the same order" (section 3.2) and do not say how they come
+//! about. Here points stand at equal steps along the contour, between labelled anchors where there are some. Without anchors a contour is
+//! turned to begin where the one before it does, by the least squared distance, and on request its steps are stretched to follow the
+//! other's corners: the cheapest monotone matching of place and tangent from one of the best beginnings (cyclic dynamic time warping,
+//! Sakoe, Chiba 1978, with a price on stretching).
 
 use super::fit_affine::{FitError, area, centroid, finite};
 
@@ -115,8 +116,8 @@ impl Line {
     }
 }
 
-/// As many points between each two anchors, at equal steps; the first ones get what is left over. A closed contour begins at the first anchor and runs in the order of the anchors; an
-/// open one runs from its own first point to its last.
+/// As many points between each two anchors, at equal steps; the first ones get what is left over. A closed contour begins at the first
+/// anchor and runs in the order of the anchors; an open one runs from its own first point to its last.
 ///
 /// # Errors
 /// Fewer points than anchors, or an anchor that is not finite.
@@ -177,22 +178,37 @@ fn stretch(line: &Line, from: f64, to: f64, count: usize) -> impl Iterator<Item 
     (0..count).map(move |i| line.at(from + (to - from) * i as f64 / count as f64))
 }
 
+/// How a contour follows another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Following {
+    /// How far steps are stretched so that corners meet corners: 0 keeps equal steps, 1 is usual, large ones follow at any price.
+    pub elastic: f64,
+    /// Whether the drawing may have turned against the other by any angle; else it is matched as it stands.
+    pub turned: bool,
+}
+
 /// Places that are tried for the beginning, for each point of the other contour; then the best is refined.
 const FINER: usize = 4;
+/// Most beginnings that are matched to the end.
+const BEGINNINGS: usize = 4;
+/// Beginnings that fit less well than this share of the best are not matched.
+const NEARLY: f64 = 0.8;
 
-/// The contour in as many points as `other`, which it follows: in the same direction, beginning where it does, and with `elastic` above 0 stretched along itself so that
-/// corners meet corners, the more the larger (0 keeps equal steps, 1 is usual). O(points²).
+/// The contour in as many points as `other`, which it follows: in the same direction, beginning where it does, and stretched along itself.
+/// O(points²).
 ///
-/// Contours are compared about their centres, so that a move of the whole drawing changes nothing.
-pub fn following(line: &Line, other: &[[f64; 2]], elastic: f64) -> Vec<[f64; 2]> {
+/// Contours are compared about their centres, so that a move of the whole drawing changes nothing. Of a closed contour all beginnings are
+/// tried by the product of the places; the best few are matched to the end by place and tangent, and the cheapest matching stays.
+pub fn following(line: &Line, other: &[[f64; 2]], how: Following) -> Vec<[f64; 2]> {
     let count = other.len();
     if count < 3 || line.length() <= 0.0 {
         return line.steps(count, 0.0);
     }
     let flipped = if line.closed { area(&line.points) * area(other) < 0.0 } else { ends_swapped(line, other) };
     let line = if flipped { line.reversed() } else { line.clone() };
-    let start = if line.closed { beginning(&line, other) } else { 0.0 };
-    if elastic <= 0.0 { line.steps(count, start) } else { matched(&line, other, start, elastic) }
+    let starts = if line.closed { beginnings(&line, other, how.turned) } else { vec![upright(&line, other, how.turned)] };
+    let Some(first) = starts.first().filter(|_| how.elastic <= 0.0) else { return cheapest(&line, other, &starts, how.elastic) };
+    line.steps(count, first.place)
 }
 
 fn ends_swapped(line: &Line, other: &[[f64; 2]]) -> bool {
@@ -201,43 +217,85 @@ fn ends_swapped(line: &Line, other: &[[f64; 2]]) -> bool {
     error(&points) > error(&points.iter().rev().copied().collect::<Vec<_>>())
 }
 
-/// The place at which equal steps lie nearest to the other contour's points.
-fn beginning(line: &Line, other: &[[f64; 2]]) -> f64 {
-    let count = other.len();
-    let fine = line.steps(FINER * count, 0.0);
-    let (c, o) = (centroid(&fine), centroid(other));
-    let other: Vec<[f64; 2]> = other.iter().map(|p| [p[0] - o[0], p[1] - o[1]]).collect();
-    let fine: Vec<[f64; 2]> = fine.iter().map(|p| [p[0] - c[0], p[1] - c[1]]).collect();
+/// A place at which a contour may begin, and how the other is turned to it.
+#[derive(Clone, Copy, Debug)]
+struct Beginning {
+    place: f64,
+    cos: f64,
+    sin: f64,
+}
+
+impl Beginning {
+    /// From the sums of products and of cross products of points that belong together.
+    fn new(place: f64, [dot, cross]: [f64; 2], turned: bool) -> Self {
+        let length = libm::hypot(dot, cross);
+        let (cos, sin) = if turned && length > 0.0 { (dot / length, cross / length) } else { (1.0, 0.0) };
+        Self { place, cos, sin }
+    }
+}
+
+fn about_centre(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let c = centroid(points);
+    points.iter().map(|p| [p[0] - c[0], p[1] - c[1]]).collect()
+}
+
+/// Sums of products and of cross products.
+fn products(from: &[[f64; 2]], to: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+    from.iter().zip(to).fold([0.0; 2], |s, (q, p)| [s[0] + (p[0] * q[0] + p[1] * q[1]), s[1] + (q[0] * p[1] - q[1] * p[0])])
+}
+
+/// The beginning of an open contour.
+fn upright(line: &Line, other: &[[f64; 2]], turned: bool) -> Beginning {
+    let points = about_centre(&line.steps(other.len(), 0.0));
+    Beginning::new(0.0, products(&about_centre(other), points.into_iter()), turned)
+}
+
+/// The places at which equal steps lie nearest to the other contour's points, the best first.
+fn beginnings(line: &Line, other: &[[f64; 2]], turned: bool) -> Vec<Beginning> {
+    let (fine, other) = (about_centre(&line.steps(FINER * other.len(), 0.0)), about_centre(other));
+    let n = fine.len();
     // The squares add up to the same from any place, or nearly: what differs is the product.
-    let fit = |s: usize| {
-        other
-            .iter()
-            .enumerate()
-            .map(|(i, q)| {
-                let p = fine[(s + FINER * i) % fine.len()];
-                p[0] * q[0] + p[1] * q[1]
-            })
-            .sum::<f64>()
+    let sums: Vec<[f64; 2]> = (0..n).map(|s| products(&other, (0..other.len()).map(|i| fine[(s + FINER * i) % n]))).collect();
+    let fits: Vec<f64> = sums.iter().map(|s| if turned { libm::hypot(s[0], s[1]) } else { s[0] }).collect();
+    let around = |s: usize| [fits[(s + n - 1) % n], fits[s], fits[(s + 1) % n]];
+    let mut tops: Vec<usize> = (0..n).filter(|&s| around(s)[1] > around(s)[0] && around(s)[1] >= around(s)[2]).collect();
+    tops.sort_by(|a, b| fits[*b].total_cmp(&fits[*a]).then(a.cmp(b)));
+    let least = tops.first().map_or(f64::NEG_INFINITY, |s| NEARLY * fits[*s]);
+    tops.retain(|s| fits[*s] >= least);
+    tops.truncate(BEGINNINGS);
+    if tops.is_empty() {
+        // All beginnings are alike: a circle, or points in one place.
+        tops.push(0);
+    }
+    let place = |s: usize| {
+        // The top of a parabola through the best and its neighbours.
+        let [l, m, r] = around(s);
+        let bend = l - 2.0 * m + r;
+        let part = if bend < 0.0 { (0.5 * (l - r) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+        (s as f64 + part) * line.length() / n as f64
     };
-    let fits: Vec<f64> = (0..fine.len()).map(fit).collect();
-    let best = (0..fits.len()).fold(0, |b, s| if fits[s] > fits[b] { s } else { b });
-    let (l, m, r) = (fits[(best + fits.len() - 1) % fits.len()], fits[best], fits[(best + 1) % fits.len()]);
-    // The top of a parabola through the best and its neighbours.
-    let bend = l - 2.0 * m + r;
-    let part = if bend < 0.0 { (0.5 * (l - r) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-    (best as f64 + part) * line.length() / fine.len() as f64
+    tops.into_iter().map(|s| Beginning::new(place(s), sums[s], turned)).collect()
+}
+
+fn cheapest(line: &Line, other: &[[f64; 2]], starts: &[Beginning], elastic: f64) -> Vec<[f64; 2]> {
+    let all = starts.iter().map(|start| matched(line, other, *start, elastic));
+    all.reduce(|best, next| if next.0 < best.0 { next } else { best }).map_or_else(Vec::new, |best| best.1)
 }
 
 /// Longest step, in fine steps; the usual one is [`FINER`].
 const LONGEST: usize = 3 * FINER;
 
-/// The cheapest monotone matching of the other contour's points to fine steps.
-fn matched(line: &Line, other: &[[f64; 2]], start: f64, elastic: f64) -> Vec<[f64; 2]> {
+/// The cheapest monotone matching of the other contour's points to fine steps, and what it costs.
+fn matched(line: &Line, other: &[[f64; 2]], start: Beginning, elastic: f64) -> (f64, Vec<[f64; 2]>) {
     let count = other.len();
     let (steps, closed) = (if line.closed { count } else { count - 1 }, line.closed);
     let n = FINER * steps;
-    let fine: Vec<[f64; 2]> = (0..=n).map(|j| line.at(start + line.length() * j as f64 / n as f64)).collect();
-    let cost = |i: usize, j: usize| unlike(&fine, j, other, i % count, closed);
+    let fine: Vec<[f64; 2]> = (0..=n).map(|j| line.at(start.place + line.length() * j as f64 / n as f64)).collect();
+    let turn = |p: &[f64; 2]| [start.cos * p[0] - start.sin * p[1], start.sin * p[0] + start.cos * p[1]];
+    let other = Drawn::new(&other.iter().map(turn).collect::<Vec<_>>(), 1, closed);
+    let own = Drawn::new(&fine, FINER, closed);
+    // A seventh of the way round counts as much as a right angle.
+    let reach = (0.15 * line.length()).powi(2).max(f64::MIN_POSITIVE);
     // How far a point may be from its equal step: a sixth of the contour.
     let width = (n / 6).max(FINER);
     let (mut sums, mut from) = (vec![vec![f64::INFINITY; n + 1]; steps + 1], vec![vec![0usize; n + 1]; steps + 1]);
@@ -245,7 +303,7 @@ fn matched(line: &Line, other: &[[f64; 2]], start: f64, elastic: f64) -> Vec<[f6
     let stretch: Vec<f64> = (0..=LONGEST).map(|s| (s as f64 / FINER as f64 - 1.0).powi(2) / elastic * 0.05).collect();
     for i in 1..=steps {
         for j in (FINER * i).saturating_sub(width)..=(FINER * i + width).min(n) {
-            let here = cost(i, j);
+            let here = own.unlike(j, &other, i % count, reach);
             for s in 1..=LONGEST.min(j) {
                 let sum = sums[i - 1][j - s] + stretch[s] + here;
                 if sum < sums[i][j] {
@@ -261,7 +319,8 @@ fn matched(line: &Line, other: &[[f64; 2]], start: f64, elastic: f64) -> Vec<[f6
         at -= from[i][at];
     }
     places.truncate(count);
-    softened(&places, n, closed).iter().map(|j| line.at(start + line.length() * j / n as f64)).collect()
+    let points = softened(&places, n, closed).iter().map(|j| line.at(start.place + line.length() * j / n as f64)).collect();
+    (sums[steps][n], points)
 }
 
 /// Steps averaged over their neighbours: whole fine steps are coarse.
@@ -278,28 +337,41 @@ fn softened(places: &[usize], n: usize, closed: bool) -> Vec<f64> {
     (0..k).map(|i| if closed || (i > 1 && i + 2 < k) { soft(i) } else { places[i] as f64 }).collect()
 }
 
-/// How unlike two points of the contours are: their place about the centre in units of the size, and their tangent.
-fn unlike(fine: &[[f64; 2]], j: usize, other: &[[f64; 2]], i: usize, closed: bool) -> f64 {
-    let tangent = |points: &[[f64; 2]], at: usize, reach: usize| {
+/// Points about their first, which is matched already, and the tangents there.
+struct Drawn {
+    points: Vec<[f64; 2]>,
+    tangents: Vec<[f64; 2]>,
+}
+
+impl Drawn {
+    /// Tangents reach over so many points on either side.
+    fn new(points: &[[f64; 2]], reach: usize, closed: bool) -> Self {
         let n = points.len();
-        let (a, b) = if closed { ((at + n - reach) % n, (at + reach) % n) } else { (at.saturating_sub(reach), (at + reach).min(n - 1)) };
-        let d = [points[b][0] - points[a][0], points[b][1] - points[a][1]];
-        let length = libm::hypot(d[0], d[1]);
-        if length > 0.0 { [d[0] / length, d[1] / length] } else { [0.0; 2] }
-    };
-    let (t, u) = (tangent(fine, j, FINER), tangent(other, i, 1));
-    let (a, b) = (fine[j], other[i]);
-    let (c, d) = (fine[0], other[0]);
-    // Both about their beginnings, which are matched already; a seventh of the way round counts as much as a right angle.
-    let reach = 0.15 * fine.len() as f64 * libm::hypot(fine[1][0] - fine[0][0], fine[1][1] - fine[0][1]);
-    let off = distance_sq([a[0] - c[0], a[1] - c[1]], [b[0] - d[0], b[1] - d[1]]);
-    (1.0 - (t[0] * u[0] + t[1] * u[1])) + off / (reach * reach).max(f64::MIN_POSITIVE)
+        let tangent = |at: usize| {
+            let (a, b) =
+                if closed { ((at + n - reach) % n, (at + reach) % n) } else { (at.saturating_sub(reach), (at + reach).min(n - 1)) };
+            let d = [points[b][0] - points[a][0], points[b][1] - points[a][1]];
+            let length = libm::hypot(d[0], d[1]);
+            if length > 0.0 { [d[0] / length, d[1] / length] } else { [0.0; 2] }
+        };
+        let first = points.first().copied().unwrap_or_default();
+        Self { points: points.iter().map(|p| [p[0] - first[0], p[1] - first[1]]).collect(), tangents: (0..n).map(tangent).collect() }
+    }
+
+    /// How unlike two points are: their tangents, and their places in units of a squared reach.
+    fn unlike(&self, j: usize, other: &Self, i: usize, reach: f64) -> f64 {
+        let (t, u) = (self.tangents[j], other.tangents[i]);
+        (1.0 - (t[0] * u[0] + t[1] * u[1])) + distance_sq(self.points[j], other.points[i]) / reach
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    const STEPS: Following = Following { elastic: 0.0, turned: false };
+    const USUAL: Following = Following { elastic: 1.0, turned: false };
 
     fn square() -> Vec<[f64; 2]> {
         vec![[10.0, 10.0], [50.0, 10.0], [50.0, 50.0], [10.0, 50.0]]
@@ -366,8 +438,8 @@ mod tests {
             points.iter_mut().for_each(|p| p[0] += dx);
             let expected: Vec<_> = other.iter().map(|p| [p[0] + dx, p[1]]).collect();
             let line = Line::new(&points, true).unwrap();
-            prop_assert!(worst(&following(&line, &other, 0.0), &expected) < 0.6);
-            prop_assert!(worst(&following(&line, &other, 1.0), &expected) < 2.0);
+            prop_assert!(worst(&following(&line, &other, STEPS), &expected) < 0.6);
+            prop_assert!(worst(&following(&line, &other, USUAL), &expected) < 2.0);
         }
     }
 
@@ -381,7 +453,7 @@ mod tests {
             (0..points.len()).min_by(|a, b| distance_sq(points[*a], to).total_cmp(&distance_sq(points[*b], to))).unwrap() as i64
         };
         let slip = |elastic: f64| -> i64 {
-            let found = following(&line, &other, elastic);
+            let found = following(&line, &other, Following { elastic, turned: false });
             [([100.0, 0.0], [190.0, 0.0]), ([100.0, 20.0], [190.0, 20.0]), ([20.0, 20.0], [20.0, 20.0]), ([0.0, 50.0], [0.0, 50.0])]
                 .iter()
                 .map(|(a, b)| (corner(&other, *a) - corner(&found, *b)).abs())
@@ -391,13 +463,40 @@ mod tests {
         assert!(slip(1.0) <= 2 && slip(0.0) >= 6, "{} and {}", slip(1.0), slip(0.0));
     }
 
+    proptest! {
+        #[test]
+        fn a_drawing_that_turned_is_followed(turn in 0usize..400, angle in -3.1f64..3.1, elastic in 0.0f64..2.0) {
+            let other = Line::new(&blob(400), true).unwrap().steps(100, 0.0);
+            let (s, c) = libm::sincos(angle);
+            let turned = |p: &[f64; 2]| [c * p[0] - s * p[1] + 40.0, s * p[0] + c * p[1] - 9.0];
+            let mut points: Vec<_> = blob(400).iter().map(turned).collect();
+            points.rotate_left(turn);
+            let expected: Vec<_> = other.iter().map(turned).collect();
+            let found = following(&Line::new(&points, true).unwrap(), &other, Following { elastic, turned: true });
+            prop_assert!(worst(&found, &expected) < 2.0, "{}", worst(&found, &expected));
+        }
+    }
+
+    #[test]
+    fn of_four_sides_the_one_with_the_notch_is_found() {
+        // A square with a notch in one side, turned by a quarter and drawn from elsewhere: its places alone fit nearly as well in four
+        // ways.
+        let notched = vec![[0.0, 0.0], [45.0, 0.0], [50.0, 12.0], [55.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]];
+        let other = Line::new(&notched, true).unwrap().steps(120, 0.0);
+        let mut turned: Vec<[f64; 2]> = notched.iter().map(|[x, y]| [-y, *x]).collect();
+        turned.rotate_left(5);
+        let expected: Vec<_> = other.iter().map(|[x, y]| [-y, *x]).collect();
+        let found = following(&Line::new(&turned, true).unwrap(), &other, Following { elastic: 1.0, turned: true });
+        assert!(worst(&found, &expected) < 3.0, "{}", worst(&found, &expected));
+    }
+
     #[test]
     fn degenerate_contours_are_answered() {
         let dot = Line::new(&[[3.0, 4.0]; 5], true).unwrap();
-        assert_eq!(following(&dot, &square(), 1.0), [[3.0, 4.0]; 4]);
+        assert_eq!(following(&dot, &square(), USUAL), [[3.0, 4.0]; 4]);
         assert_eq!(between_anchors(&dot, &square(), 6).unwrap(), [[3.0, 4.0]; 6]);
         let line = Line::new(&[[0.0, 0.0], [9.0, 0.0]], true).unwrap();
-        assert!(following(&line, &square(), 1.0).iter().flatten().all(|v| v.is_finite()));
+        assert!(following(&line, &square(), USUAL).iter().flatten().all(|v| v.is_finite()));
         let text = |e: ResampleError| e.to_string();
         assert_eq!(text(Line::new(&[], true).unwrap_err()), "expected a contour with points, found none");
         assert_eq!(text(Line::new(&[[0.0, f64::NAN]], true).unwrap_err()), "expected finite points, found (0, NaN) at point 0");

@@ -1,8 +1,8 @@
 //! Outlines of a matte: level lines by marching squares.
 //!
-//! Lorensen, Cline 1987 in the plane; saddles are joined or cut as the mean of their corners says, so that no two lines cross. Samples stand at pixel centres, lines
-//! lie where a straight line between two of them passes the level. Around the picture there is nothing, so that every outline closes: along the border
-//! where the layer leaves the picture.
+//! Lorensen, Cline 1987 in the plane; saddles are joined or cut as the mean of their corners says, so that no two lines cross. Samples
+//! stand at pixel centres, lines lie where a straight line between two of them passes the level. Around the picture there is nothing, so
+//! that every outline closes: along the border where the layer leaves the picture.
 
 use super::fit_affine::area;
 
@@ -30,8 +30,8 @@ pub struct Outline {
     pub area: f64,
 }
 
-/// Edges of a cell in the order top, right, bottom, left: where a line that has the inside on its right comes in and goes out, for each pattern of corners
-/// (top left 1, top right 2, bottom right 4, bottom left 8). Saddles have two lines.
+/// Edges of a cell in the order top, right, bottom, left: where a line that has the inside on its right comes in and goes out, for each
+/// pattern of corners (top left 1, top right 2, bottom right 4, bottom left 8). Saddles have two lines.
 const LINES: [&[(usize, usize)]; 16] = {
     const T: usize = 0;
     const R: usize = 1;

@@ -1,8 +1,10 @@
 //! `keys.pick`: drawings of a sequence as its keys.
 //!
-//! **Method** the contours of the named frames, each moved onto the first as far as `align` can ([`crate::algo::fit_affine`]); no others are made.
+//! **Method** the contours of the named frames, each moved onto the first as far as `align` can ([`crate::algo::fit_affine`]); no others
+//! are made.
 //!
-//! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 1.4 (key-shapes that the user picks from the source) and 3.2.2 (affine-aligned).
+//! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 1.4 (key-shapes that the user picks from the source) and 3.2.2
+//! (affine-aligned).
 //!
 //! **Fails when** the contours have other numbers of points.
 //!
@@ -51,7 +53,8 @@ pub(crate) struct KeysPick {
     /// The frames, in the order of the keys. The first alone where none are named.
     #[input(default = [])]
     frames: Vec<i64>,
-    /// How keys are moved onto the first, so that what motion does is left to the motion. No more than the capture's `affine_model` can give back.
+    /// How keys are moved onto the first, so that what motion does is left to the motion. No more than the capture's `affine_model` can
+    /// give back.
     #[input(default = rigid)]
     align: Align,
 }

@@ -4,7 +4,8 @@
 //!
 //! **Source** Bregler, Loeb, Chuang, Deshpande, *Turning to the Masters: Motion Capturing Cartoons*, 2002, equations 1, 5 and 6.
 //!
-//! **Fails when** the contours have another number of points. Points on a line get a similarity and points in one place a translation; `fitted` says so.
+//! **Fails when** the contours have another number of points. Points on a line get a similarity and points in one place a translation;
+//! `fitted` says so.
 //!
 //! **Cost** O(points) a frame.
 //!
@@ -48,9 +49,11 @@ pub(crate) struct ShapeFitAffineOutputs {
     motion: Affine2,
     /// Root mean square distance of the moved points from where they should be, pixels.
     error: Curve,
-    /// Parameters of the motion that was fitted: 6 affine, 4 similarity, 3 rigid, 2 translation. Fewer than asked for where the points do not determine it.
+    /// Parameters of the motion that was fitted: 6 affine, 4 similarity, 3 rigid, 2 translation. Fewer than asked for where the points do
+    /// not determine it.
     fitted: Curve,
-    /// Largest over least spread of `from`, from 1: how much less sure the motion is across the contour than along it. Infinite for points on a line.
+    /// Largest over least spread of `from`, from 1: how much less sure the motion is across the contour than along it. Infinite for points
+    /// on a line.
     condition: Curve,
 }
 

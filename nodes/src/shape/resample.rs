@@ -1,6 +1,7 @@
 //! `shape.resample`: contours with one number of points in one order over time.
 //!
-//! **Method** see [`crate::algo::resample`]: equal steps between anchors; or from where the contour before begins, stretched so that corners meet corners.
+//! **Method** see [`crate::algo::resample`]: equal steps between anchors; or from where the contour before begins, stretched so that
+//! corners meet corners.
 //!
 //! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 3.2 (contours of the same points); Sakoe, Chiba 1978.
 //!
@@ -15,7 +16,7 @@
 use pegbar_engine::node::{Context, In, NodeError, Recurrent};
 use pegbar_engine::{Node, Outputs, Setting};
 
-use crate::algo::resample::{Line, ResampleError, between_anchors, following};
+use crate::algo::resample::{Following, Line, ResampleError, between_anchors, following};
 use crate::data::Shape;
 
 /// Which contour the points of a contour without anchors follow.
@@ -45,7 +46,8 @@ pub(crate) struct ShapeResample {
     /// Points of each. Fewer lose corners, more cost time.
     #[input(default = 200, range = 2..=10000)]
     count: u32,
-    /// Labelled places, the same ones in the same order at every frame: the contour begins at the first, and as many points lie between each two.
+    /// Labelled places, the same ones in the same order at every frame: the contour begins at the first, and as many points lie between
+    /// each two.
     anchors: Option<In<Shape>>,
     /// A contour that every frame follows, in as many points as are asked for: for sets of keys that are to match a sequence.
     like: Option<In<Shape>>,
@@ -55,6 +57,10 @@ pub(crate) struct ShapeResample {
     /// How far steps are stretched so that corners meet corners. 0 keeps equal steps, 1 is usual, large follows at any price.
     #[input(default = 1.0, range = 0.0..=1000.0)]
     elastic: f64,
+    /// Whether the drawing may have turned by any angle against the contour that it follows: for keys that are drawn in other poses, and
+    /// for spins. Else it is matched as it stands, which is surer.
+    #[input(default = false)]
+    turned: bool,
 }
 
 /// The contours.
@@ -70,16 +76,17 @@ fn refused(error: ResampleError) -> NodeError {
 
 impl ShapeResample {
     fn points(&self, followed: Option<&Shape>) -> Result<Vec<[f64; 2]>, ResampleError> {
+        let how = Following { elastic: self.elastic, turned: self.turned };
         let (line, count) = (Line::new(&self.shape.points, self.shape.closed)?, self.count as usize);
         if let Some(anchors) = &self.anchors {
             return between_anchors(&line, &anchors.points, count);
         }
         if let Some(like) = &self.like {
             let like = Line::new(&like.points, like.closed)?.steps(count, 0.0);
-            return Ok(following(&line, &like, self.elastic));
+            return Ok(following(&line, &like, how));
         }
         Ok(match followed {
-            Some(shape) if self.follow != Follow::None => following(&line, &shape.points, self.elastic),
+            Some(shape) if self.follow != Follow::None => following(&line, &shape.points, how),
             _ => line.steps(count, 0.0),
         })
     }
