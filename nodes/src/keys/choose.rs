@@ -1,8 +1,10 @@
 //! `keys.choose`: the drawings of a sequence that make the best keys.
 //!
-//! **Method** see [`crate::algo::choose_keys`]: each next key is the drawing that the keys so far capture worst.
+//! **Method** see [`crate::algo::choose_keys`]: each next key is the drawing that the keys so far capture worst; then
+//! keys are exchanged for worse captured drawings while that lowers the worst error.
 //!
-//! **Source** Gonzalez, *Clustering to Minimize the Maximum Intercluster Distance*, 1985; Bregler, Loeb, Chuang, Deshpande 2002, section 1.4 (keys picked by eye).
+//! **Source** Gonzalez, *Clustering to Minimize the Maximum Intercluster Distance*, 1985; Bregler, Loeb, Chuang, Deshpande 2002, section
+//! 1.4 (keys picked by eye).
 //!
 //! **Fails when** the contours have other numbers of points. A single bad contour is the worst captured and becomes a key.
 //!
@@ -60,11 +62,12 @@ pub(crate) struct KeysChoose {
 /// The keys, and what they leave.
 #[derive(Outputs)]
 pub(crate) struct KeysChooseOutputs {
-    /// In the order of choice, named by their frames; moved onto the first by a motion of the model.
+    /// Named by their frames; moved onto the first by a motion of the model.
     keys: KeyShapes,
     /// Their frames.
     frames: Vector,
-    /// Largest error of any drawing with the first key, the first two and so on: root mean square, pixels. Shows how many keys are worth it.
+    /// Largest error of any drawing with one key, with two and so on, the last after exchanges: root mean square, pixels. Shows how many
+    /// keys are worth it.
     worst: Vector,
     /// Error of each drawing with all keys: root mean square, pixels.
     error: Stream<Curve>,
