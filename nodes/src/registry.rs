@@ -47,7 +47,7 @@ fn types(registry: Registry) -> Registry {
 #[rustfmt::skip]
 fn nodes(registry: Registry) -> Registry {
     registry
-        .per_frame::<CaptureContour>()
+        .whole::<CaptureContour>()
         .per_frame::<CelArt>()
         .per_frame::<CelReference>()
         .per_frame::<CelScene>()

@@ -24,6 +24,7 @@ pub mod pca;
 pub mod plot;
 pub mod raster;
 pub mod resample;
+pub mod smoothness;
 pub mod statistics;
 pub mod table;
 pub mod trace;

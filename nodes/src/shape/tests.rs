@@ -9,7 +9,7 @@ use pegbar_engine::graph::Port;
 use pegbar_engine::npz;
 use pegbar_engine::value::{Curve, Value, ValueRef, downcast};
 
-use crate::data::{Shape, Weights};
+use crate::data::{Affine2, KeyShapes, Shape, Weights};
 use crate::footage_tests::folder;
 
 /// Runs a graph of these nodes on so many frames and returns the first output of one, frame by frame; or the errors of the run.
@@ -42,14 +42,18 @@ fn blob(n: usize, bend: f64, turn: f64, size: f64) -> Vec<[f64; 2]> {
         .collect()
 }
 
+/// One file a frame, from frame 1.
 fn written(folder: &Path, shapes: &[Vec<[f64; 2]>]) {
-    let frames: Vec<i64> = (1..=shapes.len() as i64).collect();
-    let value = |k: usize| -> ValueRef { Arc::new(Shape { points: shapes[k].clone(), closed: true }) };
-    let file = std::fs::File::create(folder.join("shapes.npz")).unwrap();
-    npz::write_stream(&frames, |k| Ok::<_, npz::NpzError>(value(k)), false, file).unwrap();
+    for (k, points) in shapes.iter().enumerate() {
+        put(&folder.join(format!("shape.{:04}.npz", k + 1)), &Shape { points: points.clone(), closed: true });
+    }
 }
 
-const READ: &str = "\"shapes\": (type: \"io.read_value\", path: \"shapes.npz\", as: \"Shape\"),";
+fn put(path: &Path, value: &impl Value) {
+    npz::write(value, false, std::fs::File::create(path).unwrap()).unwrap();
+}
+
+const READ: &str = "\"shapes\": (type: \"io.read_value\", path: \"shape.####.npz\", as: \"Shape\"),";
 
 #[test]
 fn a_sequence_of_contours_is_captured_by_keys_of_its_own() {
@@ -92,7 +96,7 @@ fn what_is_wrong_with_contours_is_said_with_its_frame() {
     let text = |nodes: &str, node: &str| run(folder.path(), 3, &format!("{READ} {nodes}"), (node, 0)).unwrap_err().join("\n");
     let keys = "\"keys\": (type: \"keys.pick\", shape: \"@shapes\", frames: [1, 3]),";
     let capture = text(&format!("{keys} \"it\": (type: \"capture.contour\", shape: \"@shapes\", keys: \"@keys\")"), "it");
-    assert!(capture.contains("expected finite points, found (NaN, 150) at point 0"), "{capture}");
+    assert!(capture.contains("frame 2: expected finite points, found (NaN, "), "{capture}");
     let solve = text(&format!("{keys} \"it\": (type: \"solve.key_weights\", shape: \"@shapes\", keys: \"@keys\")"), "it");
     assert!(solve.contains("frame 2: expected finite points"), "{solve}");
     let few = "\"few\": (type: \"shape.resample\", shape: \"@first\", count: 5), \"first\": (type: \"time.pick\", stream: \"@shapes\"),";
@@ -114,6 +118,115 @@ fn an_empty_matte_is_said_or_gives_nothing() {
     assert!(error.contains("expected at least 1 outlines at coverage 0.5, found 0; the largest coverage is 0"), "{error}");
     let nothing = format!("{matte} \"it\": (type: \"shape.trace\", alpha: \"@matte\", empty: nothing)");
     assert!(all::<Shape>(run(folder.path(), 1, &nothing, ("it", 0)).unwrap())[0].points.is_empty());
+}
+
+/// Contours that no motion is determined by, or that nothing tells apart: what stands in for the answer is said by an output.
+#[test]
+fn contours_that_say_too_little_get_less_of_an_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = |t: f64| (0..20).map(|i| [10.0 + (3.0 + t) * f64::from(i), 20.0 + 2.0 * t * f64::from(i)]).collect();
+    written(folder.path(), &[line(0.0), line(0.5), line(1.0)]);
+    let number = |nodes: &str, output: (&str, usize)| -> Vec<f64> {
+        all::<Curve>(run(folder.path(), 3, &format!("{READ} {nodes}"), output).unwrap()).iter().map(|c| c.value).collect()
+    };
+    // On a line: a similarity in place of an affine motion, and nobody knows what is across.
+    let fit =
+        "\"first\": (type: \"time.pick\", stream: \"@shapes\"), \"fit\": (type: \"shape.fit_affine\", from: \"@first\", to: \"@shapes\"),";
+    assert_eq!(number(fit, ("fit", 2)), [4.0; 3]);
+    assert_eq!(number(fit, ("fit", 3)), [f64::INFINITY; 3]);
+    assert!(number(fit, ("fit", 1)).iter().all(|e| *e < 1e-9));
+    // Keys that are one key, on a line: all weight on the first, and a condition that says that nothing else is known.
+    let keys = "\"keys\": (type: \"keys.pick\", shape: \"@shapes\", frames: [1, 1, 1]),";
+    let capture = format!("{keys} \"capture\": (type: \"capture.contour\", shape: \"@shapes\", keys: \"@keys\", smoothness: 1),");
+    assert!(number(&capture, ("capture", 2)).iter().all(|e| *e < 0.5));
+    let weights = all::<Weights>(run(folder.path(), 3, &format!("{READ} {capture}"), ("capture", 1)).unwrap());
+    assert!(weights.iter().all(|w| w.weights == [1.0, 0.0, 0.0]), "{weights:?}");
+    let solve = format!("{keys} \"solve\": (type: \"solve.key_weights\", shape: \"@shapes\", keys: \"@keys\", smoothness: 1),");
+    let weights = all::<Weights>(run(folder.path(), 3, &format!("{READ} {solve}"), ("solve", 0)).unwrap());
+    assert!(weights.iter().all(|w| w.weights == [1.0, 0.0, 0.0]), "{weights:?}");
+}
+
+#[test]
+fn smoothness_takes_the_tremble_out_of_captures_and_weights() {
+    let folder = tempfile::tempdir().unwrap();
+    let shaken = |t: i32| f64::from(t * 7 % 5 - 2);
+    let shapes: Vec<_> = (0..30)
+        .map(|t| {
+            let bend = 10.0 + 8.0 * libm::sin(0.2 * f64::from(t)) + 0.5 * shaken(t);
+            let mut points = blob(60, bend, 0.0, 1.0);
+            points.iter_mut().for_each(|p| p[0] += 6.0 * f64::from(t) + shaken(t + 2));
+            points
+        })
+        .collect();
+    written(folder.path(), &shapes);
+    let bends = |nodes: &str, of: &dyn Fn(Vec<ValueRef>) -> Vec<f64>, output| -> f64 {
+        let values = of(run(folder.path(), 30, &format!("{READ} {nodes}"), output).unwrap());
+        values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2)).sum()
+    };
+    let first = |values: Vec<ValueRef>| all::<Weights>(values).iter().map(|w| w.weights[0]).collect();
+    let across = |values: Vec<ValueRef>| all::<Affine2>(values).iter().map(|m| m.matrix[0][2]).collect();
+    let nodes = |smoothness: u32| {
+        format!(
+            "\"keys\": (type: \"keys.pick\", shape: \"@shapes\", frames: [1, 9, 24]),
+            \"it\": (type: \"capture.contour\", shape: \"@shapes\", keys: \"@keys\", affine_model: rigid, smoothness: {smoothness}),
+            \"still\": (type: \"capture.contour\", shape: \"@shapes\", keys: \"@keys\", affine_model: rigid),
+            \"solve\": (type: \"solve.key_weights\", shape: \"@shapes\", keys: \"@keys\", motion: \"@still\", smoothness: {smoothness}),"
+        )
+    };
+    for output in [("it", 1), ("solve", 0)] {
+        let (rough, smooth) = (bends(&nodes(0), &first, output), bends(&nodes(2), &first, output));
+        assert!(rough > 5.0 * smooth, "{output:?}: {smooth} of {rough}");
+    }
+    let (rough, smooth) = (bends(&nodes(0), &across, ("it", 0)), bends(&nodes(2), &across, ("it", 0)));
+    assert!(rough > 5.0 * smooth, "{smooth} of {rough}");
+}
+
+#[test]
+fn keys_that_do_not_match_are_said_with_their_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut broken = blob(20, 1.0, 0.0, 1.0);
+    broken[3][1] = f64::NAN;
+    written(folder.path(), &[blob(20, 0.0, 0.0, 1.0), blob(20, 1.0, 0.0, 1.0)]);
+    let points = [&blob(20, 0.0, 0.0, 1.0)[..], &broken].concat();
+    let points = pegbar_engine::array::NdArray::new([2, 20, 2], points.into_flattened()).unwrap();
+    put(&folder.path().join("keys.npz"), &KeyShapes { points, names: Vec::new(), closed: true });
+    let text = |nodes: &str| run(folder.path(), 2, &format!("{READ} {nodes}"), ("it", 0)).unwrap_err().join("\n");
+    let read = "\"keys\": (type: \"io.read_value\", path: \"keys.npz\", as: \"KeyShapes\"),";
+    for node in ["capture.contour", "solve.key_weights"] {
+        let error = text(&format!("{read} \"it\": (type: \"{node}\", shape: \"@shapes\", keys: \"@keys\")"));
+        assert!(error.contains("expected finite keys, found (") && error.contains(", NaN) at point 3 of key 1"), "{error}");
+        let few = "\"few\": (type: \"shape.resample\", shape: \"@shapes\", count: 7), \"own\": (type: \"keys.pick\", shape: \"@shapes\", frames: [1, 2]),";
+        let error = text(&format!("{few} \"it\": (type: \"{node}\", shape: \"@few\", keys: \"@own\")"));
+        assert!(error.contains("frame 1: expected 20 points, as the keys have, found 7; `shape.resample` brings"), "{error}");
+    }
+    // Keys of other numbers of points than one another.
+    written(folder.path(), &[blob(20, 0.0, 0.0, 1.0), blob(21, 1.0, 0.0, 1.0)]);
+    for node in ["\"keys.pick\", frames: [1, 2]", "\"keys.choose\""] {
+        let error = text(&format!("\"it\": (type: {node}, shape: \"@shapes\")"));
+        assert!(error.contains("expected contours that are all closed with 20 points, found closed with 21 at frame 2"), "{error}");
+    }
+}
+
+#[test]
+fn a_contour_that_leaves_the_picture_follows_its_border_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    // A disc of 12 pixels, half of it out.
+    let nodes = "\"disc\": (type: \"render.shapes\", shapes: [\"@shapes\"], size: (64, 48), fill_opacity: 1, stroke_width: 0),
+        \"matte\": (type: \"matte.from_image\", image: \"@disc\", channel: alpha),
+        \"outline\": (type: \"shape.trace\", alpha: \"@matte\"),
+        \"points\": (type: \"shape.resample\", shape: \"@outline\", count: 60),
+        \"first\": (type: \"time.pick\", stream: \"@points\"),
+        \"fit\": (type: \"shape.fit_affine\", from: \"@first\", to: \"@points\"),";
+    let disc =
+        |x: f64| (0..90).map(|i| libm::sincos(f64::from(i) * 0.069_813_170_08)).map(|(s, c)| [x + 12.0 * c, 24.0 + 12.0 * s]).collect();
+    written(folder.path(), &[disc(30.0), disc(20.0), disc(0.0)]);
+    let number = |output| -> Vec<f64> {
+        all::<Curve>(run(folder.path(), 3, &format!("{READ} {nodes}"), output).unwrap()).iter().map(|c| c.value).collect()
+    };
+    let border = number(("outline", 3));
+    assert!(border[0] == 0.0 && border[1] == 0.0 && (border[2] - 24.0 / (24.0 + 12.0 * std::f64::consts::PI)).abs() < 0.05, "{border:?}");
+    let error = number(("fit", 1));
+    assert!(error[1] < 0.2 && error[2].is_finite() && error[2] > 0.5, "{error:?}");
 }
 
 /// Captures a drawn clip by a few of its own drawings and asserts the worst error, in pixels.
@@ -138,4 +251,10 @@ fn captured(files: &str, frames: usize, key: &str, keys: &str, worst: f64) {
 fn a_drawn_ball_needs_one_key() {
     let key = "type: \"matte.color_clusters\", foreground: [(0.93, 0.11, 0.14)], ink: 0, mix: display";
     captured("bouncing_ball/ball.####.png", 6, key, "count: 1", 2.0);
+}
+
+#[test]
+fn a_drawn_walk_needs_a_few_keys() {
+    captured("dog_walk/dog.####.png", 10, "type: \"matte.from_image\", channel: alpha", "count: 5", 1.5);
+    captured("supertux_walk/tux.####.png", 8, "type: \"matte.from_image\", channel: alpha", "count: 5", 1.5);
 }

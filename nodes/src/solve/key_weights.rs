@@ -1,23 +1,27 @@
 //! `solve.key_weights`: how much of each key a contour is made of.
 //!
-//! **Method** see [`crate::algo::key_weights`]: the quadratic program under all three constraints, exact in the number of keys, with its proof.
+//! **Method** see [`crate::algo::key_weights`]: the quadratic program under all three constraints, exact in the number of keys, with its
+//! proof.
 //!
-//! **Source** Bregler, Loeb, Chuang, Deshpande, *Turning to the Masters: Motion Capturing Cartoons*, 2002, equation 7 and constraints 1 to 3; smoothness is beyond it.
+//! **Source** Bregler, Loeb, Chuang, Deshpande, *Turning to the Masters: Motion Capturing Cartoons*, 2002, equation 7 and constraints 1 to
+//! 3; smoothness is beyond it.
 //!
 //! **Fails when** a contour has another number of points than the keys, or no weights within the bounds add up to 1.
 //!
-//! **Cost** O(keys × points) a frame and a few operations for each set of `max_nonzero` keys; with smoothness, again for each of up to 400 sweeps.
+//! **Cost** O(keys × points) a frame and a few operations for each set of `max_nonzero` keys; with smoothness, again for each of up to 400
+//! sweeps.
 //!
 //! ```ron
 //! "weights": (type: "solve.key_weights", shape: "@outline", keys: "@keys", motion: "@motion"),
 //! ```
 
 use pegbar_engine::node::{Context, Frames, In, NodeError, Problem as InputProblem, Stream, Whole};
-use pegbar_engine::value::Curve;
+use pegbar_engine::value::{Curve, Vector};
 use pegbar_engine::{Node, Outputs};
 
-use crate::algo::key_weights::{Certificate, KeySpace, Limits, Problem, Solver, smooth};
+use crate::algo::key_weights::{Certificate, KeySpace, Limits, Problem, Solver, smooth, spread};
 use crate::algo::raster::{Affine, identity};
+use crate::algo::smoothness::Smoothing;
 use crate::data::{Affine2, KeyShapes, Shape, Weights};
 use crate::keys::refused;
 
@@ -47,10 +51,13 @@ pub(crate) struct SolveKeyWeights {
     /// Largest weight. 1 mixes only; above, keys may be exaggerated.
     #[input(default = 1.5, range = 0.001..=1000.0)]
     upper: f64,
-    /// How much jerks of the weights cost: 0 solves each frame alone, 1 weighs squared second differences of the weights as much as squared errors of the shape in units of
-    /// the keys' differences.
+    /// How much bends of the weights over time cost: 0 solves each frame alone, 1 weighs squared second differences of the weights as much
+    /// as squared errors of the shape in units of the keys' differences; large ones leave straight lines.
     #[input(default = 0.0, range = 0.0..=1000000.0)]
     smoothness: f64,
+    /// Bends that are so many times the usual ones are accents, which smoothness leaves: contacts, pops. 0 smooths all alike.
+    #[input(default = 3.0, range = 0.0..=1000000.0)]
+    accents: f64,
 }
 
 /// The weights, and their proof.
@@ -62,10 +69,15 @@ pub(crate) struct SolveKeyWeightsOutputs {
     cost: Stream<Curve>,
     /// Largest violation of the optimality conditions (Karush, Kuhn, Tucker) relative to the gradient: rounding alone.
     kkt: Stream<Curve>,
-    /// No weights within the constraints cost less than this; below `cost` by more than rounding only where a search was too large to finish.
+    /// No weights within the constraints cost less than this; below `cost` by more than rounding only where a search was too large to
+    /// finish.
     lower_bound: Stream<Curve>,
     /// No weights on another set of keys cost less than this; near `cost` the choice of keys is a toss-up.
     runner_up: Stream<Curve>,
+    /// How much less sure the least sure mix of the free weights is than the surest, from 1; infinite where free keys do the same thing.
+    condition: Stream<Curve>,
+    /// Standard deviation of each weight from the error that is left; 0 for weights at nought or at a bound.
+    deviation: Stream<Vector>,
 }
 
 impl SolveKeyWeights {
@@ -94,7 +106,8 @@ fn finite(motion: &Affine) -> Result<(), crate::algo::key_weights::WeightsError>
     if all.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(crate::algo::key_weights::WeightsError::Motion(all)) }
 }
 
-fn in_frame(error: NodeError, frame: i64) -> NodeError {
+/// An error, with the frame in which it is.
+pub(crate) fn in_frame(error: NodeError, frame: i64) -> NodeError {
     NodeError { message: format!("frame {frame}: {}", error.message), ..error }
 }
 
@@ -114,14 +127,19 @@ impl Whole for SolveKeyWeights {
             *proof = solver.solve(problem, weights);
         }
         if self.smoothness > 0.0 {
-            smooth(&mut solver, &problems, self.smoothness, &mut weights, &mut proofs);
+            let smoothing = Smoothing { strength: self.smoothness, accents: self.accents };
+            smooth(&mut solver, &problems, smoothing, &mut weights, &mut proofs, || cx.check())?;
         }
+        let coordinates = self.keys.by_point().len() / k * 2;
+        let sure: Vec<_> = problems.iter().zip(&weights).map(|(p, w)| spread(p, w, limits, coordinates)).collect();
         let curves = |of: fn(&Certificate) -> f64| Stream(proofs.iter().map(|p| Curve { value: of(p) }).collect());
         Ok(SolveKeyWeightsOutputs {
             cost: curves(|p| p.cost),
             kkt: curves(|p| p.kkt),
             lower_bound: curves(|p| p.lower_bound),
             runner_up: curves(|p| p.runner_up),
+            condition: Stream(sure.iter().map(|s| Curve { value: s.0 }).collect()),
+            deviation: Stream(sure.into_iter().map(|s| Vector { values: s.1 }).collect()),
             weights: Stream(weights.into_iter().map(|weights| Weights { weights }).collect()),
         })
     }

@@ -2,4 +2,4 @@
 
 mod key_weights;
 
-pub(crate) use key_weights::{SolveKeyWeights, bounds};
+pub(crate) use key_weights::{SolveKeyWeights, bounds, in_frame};

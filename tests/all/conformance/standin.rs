@@ -147,7 +147,7 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
     }
     let InputType::Setting { name, .. } = &input.ty else { return Vec::new() };
     match (name.as_str(), schema.id) {
-        ("number", _) => texts(&["0.25", "0.75", "1.5", "3.0", "40.0"]),
+        ("number", _) => texts(&["0.25", "0.75", "1.5", "3.0", "40.0", "-0.25"]),
         ("whole number", _) => texts(&["1", "2", "3", "7", "100"]),
         ("true or false", _) => texts(&["true", "false"]),
         ("pair of whole numbers", _) => texts(&["(16, 12)", "(3, 5)", "(300, 200)"]),

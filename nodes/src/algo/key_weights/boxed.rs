@@ -23,9 +23,9 @@ pub(super) struct End {
 
 /// A primal active-set solver and its memory.
 ///
-/// From a feasible start: a Newton step in the free weights, cut at the first bound, which then holds its weight; where the step is whole, the
-/// held weight whose multiplier has the wrong sign most is let go (Nocedal, Wright, *Numerical Optimization*, 2006, algorithm 16.3). One of
-/// the free weights is eliminated by the sum, so that steps keep it to rounding.
+/// From a feasible start: a Newton step in the free weights, cut at the first bound, which then holds its weight; where the step is whole,
+/// the held weight whose multiplier has the wrong sign most is let go (Nocedal, Wright, *Numerical Optimization*, 2006, algorithm 16.3).
+/// One of the free weights is eliminated by the sum, so that steps keep it to rounding.
 #[derive(Clone, Debug)]
 pub(super) struct Boxed {
     lower: f64,

@@ -1,19 +1,23 @@
-//! How much of each key a shape is made of: the quadratic program of Bregler, Loeb, Chuang, Deshpande 2002, equation (7), under all three constraints.
+//! How much of each key a shape is made of: the quadratic program of Bregler, Loeb, Chuang, Deshpande 2002, equation (7), under all three
+//! constraints.
 //!
-//! Minimise |V - A Σ w S|² over the weights w, of which at most J are not zero, which add up to 1, and each of which lies between a lower and an
-//! upper bound. The answer is exact in the number of weights, not a rounding of the dense answer: all sets of J keys are looked at, most of
-//! them only through a bound. Eliminating one key after the other from the Gram matrix (Schur complements) shares nearly all work between the sets, so that
-//! the bound of a whole set costs a handful of operations; the sets whose bound is below the best so far are solved with their bounds.
+//! Minimise |V - A Σ w S|² over the weights w, of which at most J are not zero, which add up to 1, and each of which lies between a lower
+//! and an upper bound. The answer is exact in the number of weights, not a rounding of the dense answer: all sets of J keys are looked at,
+//! most of them only through a bound. Eliminating one key after the other from the Gram matrix (Schur complements) shares nearly all work
+//! between the sets, so that the bound of a whole set costs a handful of operations; the sets whose bound is below the best so far are
+//! solved with their bounds.
 
 mod boxed;
 mod search;
 mod sequence;
 mod space;
+mod spread;
 #[cfg(test)]
 mod tests;
 
 pub use sequence::smooth;
 pub use space::KeySpace;
+pub use spread::spread;
 
 use boxed::Boxed;
 use search::Search;
@@ -101,6 +105,14 @@ impl Problem {
         let rows = weights.iter().enumerate().map(|(i, w)| w * (dot(&self.gram[i * k..(i + 1) * k], weights) - 2.0 * self.linear[i]));
         rows.sum::<f64>() + self.constant
     }
+
+    /// Adds `strength` times the squared distance of the weights from others.
+    pub(crate) fn pull(&mut self, strength: f64, towards: &[f64]) {
+        let k = self.linear.len();
+        self.gram.iter_mut().step_by(k + 1).for_each(|g| *g += strength);
+        self.linear.iter_mut().zip(towards).for_each(|(l, w)| *l += strength * w);
+        self.constant += strength * towards.iter().map(|w| w * w).sum::<f64>();
+    }
 }
 
 /// What proves the weights, beside the weights.
@@ -108,11 +120,13 @@ impl Problem {
 pub struct Certificate {
     /// Cost of the weights.
     pub cost: f64,
-    /// Largest violation of the conditions of Karush, Kuhn and Tucker among the chosen keys, over the size of the gradient: rounding alone when solved.
+    /// Largest violation of the conditions of Karush, Kuhn and Tucker among the chosen keys, over the size of the gradient: rounding alone
+    /// when solved.
     pub kkt: f64,
     /// No weights within the constraints cost less, up to rounding: the cost itself where the search was finished.
     pub lower_bound: f64,
-    /// No weights on another set of keys cost less than this; infinite where there is no other. Near the cost, the choice of keys is a toss-up.
+    /// No weights on another set of keys cost less than this; infinite where there is no other. Near the cost, the choice of keys is a
+    /// toss-up.
     pub runner_up: f64,
     /// Sets of keys that were solved with their bounds.
     pub solved: usize,
@@ -158,8 +172,8 @@ impl Solver {
 
     /// The weights of least cost within the constraints, into `weights`, one a key.
     ///
-    /// Keys that repeat others within rounding get no weight where the others can carry it. A problem of another size than the solver's leaves
-    /// `weights` alone and is never finished.
+    /// Keys that repeat others within rounding get no weight where the others can carry it. A problem of another size than the solver's
+    /// leaves `weights` alone and is never finished.
     pub fn solve(&mut self, problem: &Problem, weights: &mut [f64]) -> Certificate {
         let k = self.n_keys;
         if problem.gram.len() != k * k || problem.linear.len() != k || weights.len() != k {

@@ -14,13 +14,14 @@ pub(super) struct Found {
     pub(super) finished: bool,
 }
 
-/// Most partial sets that are looked at for one problem: some tens of seconds. Beyond it the certificate says by how much the answer may be off.
+/// Most partial sets that are looked at for one problem: some tens of seconds. Beyond it the certificate says by how much the answer may be
+/// off.
 const MOST: usize = 1 << 28;
 
 /// The keys that are left once some are chosen and eliminated.
 ///
-/// With the chosen ones free (no bounds but the sum), adding key a lowers the cost by `r[a]² / d[a]`: `d` is what of the key the chosen ones cannot
-/// make, squared, and `r` how much of that the shape holds.
+/// With the chosen ones free (no bounds but the sum), adding key a lowers the cost by `r[a]² / d[a]`: `d` is what of the key the chosen
+/// ones cannot make, squared, and `r` how much of that the shape holds.
 #[derive(Clone, Debug, Default)]
 struct Level {
     /// Schur complement, rows of all keys in order; the upper triangle beyond the last chosen is in use.

@@ -6,8 +6,8 @@ use crate::algo::raster::Affine;
 
 /// Keys with their products, from which the Gram matrix of equation (7) follows under any affine motion without another look at the points.
 ///
-/// Keys are held as their differences from their mean: the weights add up to 1, so that the mean drops out and nothing large is subtracted from
-/// something as large.
+/// Keys are held as their differences from their mean: the weights add up to 1, so that the mean drops out and nothing large is subtracted
+/// from something as large.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KeySpace {
     n_keys: usize,
@@ -95,7 +95,8 @@ impl KeySpace {
         }
     }
 
-    /// Equation (7) for a shape and the motion that brings the keys to it: O(keys² + keys × points), without allocation once `problem` has its size.
+    /// Equation (7) for a shape and the motion that brings the keys to it: O(keys² + keys × points), without allocation once `problem` has
+    /// its size.
     ///
     /// `shape` has as many points as the keys, all finite.
     pub fn problem(&mut self, motion: &Affine, shape: &[[f64; 2]], problem: &mut Problem) {

@@ -1,5 +1,6 @@
 use super::*;
 use crate::algo::raster::Affine;
+use crate::algo::smoothness::Smoothing;
 use proptest::prelude::*;
 
 /// Numbers in -1..1 from a seed.
@@ -89,26 +90,54 @@ fn proven(found: &Certificate, weights: &[f64], limits: Limits) {
     assert!(found.lower_bound <= found.cost && found.cost - found.lower_bound < 1e-9 * (1.0 + found.cost), "{found:?}");
 }
 
+/// Recorded from quadprog 0.1.14 and Clarabel 0.11.1 (gaps and feasibility 1e-12) for six sets of contours under a motion, G and b divided
+/// by the mean of G's diagonal: keys, points, lower, upper; points of the keys and of the shape; linear part, row by row, and translation;
+/// weights of the one, weights of the other.
+const PEERS: &[u8] = include_bytes!("../testdata/quadprog_clarabel_weights.f64");
+
+#[test]
+fn dense_weights_are_those_of_quadprog_and_clarabel() {
+    let mut numbers = PEERS.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap()));
+    let (mut off, mut met) = (0.0f64, 0);
+    while let Some(k) = numbers.next() {
+        let mut take = |n: usize| numbers.by_ref().take(n).collect::<Vec<f64>>();
+        let (k, n) = (k as usize, take(1)[0] as usize);
+        let limits = Limits { max_nonzero: k, lower: take(1)[0], upper: take(1)[0] };
+        let points = |flat: Vec<f64>| flat.as_chunks::<2>().0.to_vec();
+        let (keys, shape, m) = (points(take(2 * k * n)), points(take(2 * n)), take(6));
+        let motion = Affine::new(m[0], m[1], m[4], m[2], m[3], m[5]);
+        let mut problem = Problem::default();
+        KeySpace::new(k, &keys).unwrap().problem(&motion, &shape, &mut problem);
+        let (found, weights) = solved(&problem, limits);
+        proven(&found, &weights, limits);
+        for peer in [take(k), take(k)] {
+            off = weights.iter().zip(&peer).fold(off, |o, (a, b)| o.max((a - b).abs()));
+        }
+        met += weights.iter().filter(|w| **w == limits.lower || **w == limits.upper).count();
+    }
+    // Clarabel itself stops 5e-11 from quadprog.
+    assert!(off < 1e-10 && met == 26, "{off}, {met} weights at bounds");
+}
+
 #[test]
 fn every_set_of_keys_was_beaten_on_a_thousand_problems() {
     let (mut rounded_off, mut bounds_met) = (0, 0);
     for trial in 0..1000 {
-        let (k, j) = (4 + trial as usize % 9, 1 + trial as usize / 9 % 4);
+        let (k, j) = (8 + trial as usize % 5, 2 + trial as usize / 5 % 3);
         let limits = Limits { max_nonzero: j, ..Limits::default() };
         let problem = correlated(k, trial);
         let (found, weights) = solved(&problem, limits);
         proven(&found, &weights, limits);
         let mut costs: Vec<(f64, Vec<usize>, Vec<f64>)> =
-            sets_of(k, j.min(k)).into_iter().filter_map(|s| by_hand(&problem, &s, limits).map(|(c, w)| (c, s, w))).collect();
+            sets_of(k, j).into_iter().filter_map(|s| by_hand(&problem, &s, limits).map(|(c, w)| (c, s, w))).collect();
         costs.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (cost, set, expected) = &costs[0];
         assert!((found.cost - cost).abs() < 1e-10 * (1.0 + cost), "trial {trial}: {} for {cost}", found.cost);
         let off = weights.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(off < 1e-8, "trial {trial}: {weights:?} for {expected:?}");
         assert!((0..k).all(|i| weights[i] == 0.0 || set.contains(&i)), "trial {trial}");
-        if let Some((second, ..)) = costs.get(1) {
-            assert!(found.runner_up <= second * (1.0 + 1e-10) + 1e-12, "trial {trial}: {} for {second}", found.runner_up);
-        }
+        let second = costs[1].0;
+        assert!(found.runner_up <= second * (1.0 + 1e-10) + 1e-12, "trial {trial}: {} for {second}", found.runner_up);
         bounds_met += usize::from(weights.iter().any(|w| *w == limits.lower || *w == limits.upper));
         // What keeping the largest of the dense answer's weights would have cost.
         let (_, dense) = solved(&problem, Limits { max_nonzero: k, ..limits });
@@ -117,7 +146,8 @@ fn every_set_of_keys_was_beaten_on_a_thousand_problems() {
         largest.truncate(j);
         rounded_off += usize::from(by_hand(&problem, &largest, limits).is_none_or(|(c, _)| c > cost * (1.0 + 1e-9)));
     }
-    assert!(rounded_off > 500, "keeping the largest weights is beaten in {rounded_off}");
+    println!("keeping the largest weights of the dense answer is beaten in {rounded_off} of 1000, bounds are met in {bounds_met}");
+    assert!(rounded_off >= 800, "keeping the largest weights is beaten in {rounded_off}");
     assert!(bounds_met > 50, "bounds were met in {bounds_met}");
 }
 
@@ -225,6 +255,36 @@ fn the_gram_matrix_under_a_motion_is_that_of_the_moved_keys() {
 }
 
 #[test]
+fn deviations_are_those_of_repeated_noise() {
+    let mut rng = Rng(21);
+    let keys: Vec<[f64; 2]> = (0..4 * 30).map(|_| [50.0 * rng.next(), 50.0 * rng.next()]).collect();
+    let (mut space, limits) = (KeySpace::new(4, &keys).unwrap(), Limits { max_nonzero: 3, ..Limits::default() });
+    let truth = [0.5, 0.0, 0.3, 0.2];
+    let (mut off, mut told, mut problem) = ([0.0; 4], [0.0; 4], Problem::default());
+    for _ in 0..400 {
+        let mut shape = vec![[0.0; 2]; 30];
+        space.mix(&truth, &mut shape);
+        shape.iter_mut().flatten().for_each(|v| *v += 3.0 * rng.next());
+        space.problem(&crate::algo::raster::identity(), &shape, &mut problem);
+        let (_, weights) = solved(&problem, limits);
+        let (condition, deviations) = spread(&problem, &weights, limits, 60);
+        assert!((1.0..10.0).contains(&condition));
+        for i in 0..4 {
+            off[i] += (weights[i] - truth[i]).powi(2);
+            told[i] += deviations[i].powi(2);
+        }
+    }
+    for i in [0, 2, 3] {
+        assert!((off[i] / told[i] - 1.0).abs() < 0.25, "{off:?} {told:?}");
+    }
+    assert_eq!((off[1], told[1]), (0.0, 0.0));
+    // Two keys that do the same: nobody knows which.
+    let same = Problem { gram: vec![2.0; 4], linear: vec![1.0; 2], constant: 1.0 };
+    assert_eq!(spread(&same, &[0.5, 0.5], limits, 60), (f64::INFINITY, vec![f64::INFINITY; 2]));
+    assert_eq!(spread(&same, &[1.0, 0.0], limits, 60), (1.0, vec![0.0; 2]));
+}
+
+#[test]
 fn smoothness_takes_out_jitter_and_keeps_the_extremes() {
     let (mut rng, k, n) = (Rng(11), 3, 60);
     let keys: Vec<Vec<f64>> = (0..k).map(|_| (0..40).map(|_| rng.next()).collect()).collect();
@@ -254,9 +314,11 @@ fn smoothness_takes_out_jitter_and_keeps_the_extremes() {
     let bend =
         |w: &[Vec<f64>]| -> f64 { w.windows(3).map(|w| (0..k).map(|j| (w[0][j] - 2.0 * w[1][j] + w[2][j]).powi(2)).sum::<f64>()).sum() };
     let peak = |w: &[Vec<f64>]| w.iter().map(|w| w[0]).fold(0.0, f64::max);
-    let total = |w: &[Vec<f64>]| problems.iter().zip(w).map(|(p, w)| p.cost(w)).sum::<f64>() + 2.0 * sequence::unit(&problems[0]) * bend(w);
+    let total = |w: &[Vec<f64>]| problems.iter().zip(w).map(|(p, w)| p.cost(w)).sum::<f64>() + 2.0 * sequence::unit(&problems) * bend(w);
     let (rough, before) = (bend(&weights), total(&weights));
-    smooth(&mut solver, &problems, 2.0, &mut weights, &mut certificates);
+    let smoothing = Smoothing { strength: 2.0, accents: 0.0 };
+    let (_, still) = smooth(&mut solver, &problems, smoothing, &mut weights, &mut certificates, || Ok::<_, ()>(())).unwrap();
+    assert!(still);
     assert!(bend(&weights) < rough / 5.0 && total(&weights) < before, "{} of {rough}", bend(&weights));
     assert!(peak(&weights) > 0.95 * peak(&truth), "{} of {}", peak(&weights), peak(&truth));
     // The least there is: no small change of two neighbouring frames lowers the total.
@@ -271,12 +333,4 @@ fn smoothness_takes_out_jitter_and_keeps_the_extremes() {
             assert!(total(&other) >= least - 1e-12);
         }
     }
-}
-
-#[test]
-fn the_stencil_is_that_of_squared_second_differences() {
-    assert_eq!(sequence::stencil(5, 20), [1.0, -4.0, 6.0, -4.0, 1.0]);
-    assert_eq!(sequence::stencil(0, 20), [0.0, 0.0, 1.0, -2.0, 1.0]);
-    assert_eq!(sequence::stencil(1, 3), [0.0, -2.0, 4.0, -2.0, 0.0]);
-    assert_eq!((sequence::stencil(0, 1), sequence::stencil(1, 2)), ([0.0; 5], [0.0; 5]));
 }
