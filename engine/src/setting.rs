@@ -240,6 +240,13 @@ impl Setting for TypeName {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputPath(Pattern);
 
+/// Files to read, none of them numbered: `"a.svg"` or `["a.svg", "b.svg"]`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InputPaths(
+    /// Each of them, in order.
+    pub Vec<InputPath>,
+);
+
 /// A file to write, or one a frame, inside the output folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutputPath {
@@ -432,6 +439,39 @@ impl Setting for InputPath {
     }
 }
 
+impl Setting for InputPaths {
+    fn type_name() -> String {
+        "path or list of paths to read".to_owned()
+    }
+    fn parse(text: &str) -> Result<Self, SettingError> {
+        if !text.trim_start().starts_with('[') {
+            return Self::plain(text, vec![InputPath::parse(text)?]);
+        }
+        let paths: Vec<String> = read(text)?;
+        if paths.is_empty() {
+            return Err(SettingError::whole(text, "expected a path, found an empty list"));
+        }
+        let each = |path: String| match path.as_str() {
+            "" => Err(SettingError::whole(text, "expected a path, found an empty text")),
+            path => Pattern::parse(path).map(InputPath).map_err(|m| SettingError::whole(text, m)),
+        };
+        Self::plain(text, paths.into_iter().map(each).collect::<Result<_, _>>()?)
+    }
+    const FILES: FileUse = FileUse::Read;
+    fn bind(self, place: &Place) -> Self {
+        Self(self.0.into_iter().map(|path| path.bind(place)).collect())
+    }
+}
+
+impl InputPaths {
+    fn plain(text: &str, paths: Vec<InputPath>) -> Result<Self, SettingError> {
+        match paths.iter().find(|p| p.is_sequence()) {
+            Some(path) => Err(SettingError::whole(text, format!("expected paths without frame numbers, found {}", path.pattern()))),
+            None => Ok(Self(paths)),
+        }
+    }
+}
+
 impl OutputPath {
     /// True where the path has a frame number in it.
     pub fn is_sequence(&self) -> bool {
@@ -511,6 +551,16 @@ mod tests {
         assert_eq!(hash.0.frame_of("b.07.png"), Some(7));
         assert_eq!(hash.0.frame_of("b.7.png"), None);
         assert_eq!(hash.0.frame_of("b.123.png"), Some(123));
+    }
+
+    #[test]
+    fn one_path_or_a_list_of_paths() {
+        let files = |text: &str| InputPaths::parse(text).map(|p| p.0.iter().map(|p| p.at(0)).collect::<Vec<_>>()).map_err(|e| e.message);
+        assert_eq!(files("\"a.svg\"").unwrap(), [PathBuf::from("a.svg")]);
+        assert_eq!(files(" [\"a.svg\", \"b.svg\"]").unwrap(), [PathBuf::from("a.svg"), PathBuf::from("b.svg")]);
+        assert_eq!(files("[]").unwrap_err(), "expected a path, found an empty list");
+        assert_eq!(files("[\"a.svg\", \"\"]").unwrap_err(), "expected a path, found an empty text");
+        assert_eq!(files("[\"a.##.svg\"]").unwrap_err(), "expected paths without frame numbers, found a.##.svg");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::exec::Failure;
 use crate::graph::{Binding, Graph, GraphNode, Port};
 use crate::node::{Arg, InputSchema, Literal};
 use crate::npz;
-use crate::setting::{FileUse, InputPath, Missing, OutputPath};
+use crate::setting::{FileUse, InputPath, InputPaths, Missing, OutputPath};
 use crate::value::AnyValue;
 
 use super::{BundleError, FORMAT, Given, RECORD, Record, SavedInput, SavedValue, SavedWire, digest, file_error, setting};
@@ -179,21 +179,27 @@ impl Saver<'_> {
 
     /// The text of a setting, such that a path in it points into the bundle, or below the output folder of a replay.
     fn literal(&mut self, input: &InputSchema, value: &Literal, text: &str) -> Result<String, BundleError> {
+        let unwritten =
+            |e: ron::Error| BundleError::Input { input: input.name.to_owned(), reason: format!("its path cannot be written: {e}") };
+        if let Some(InputPaths(paths)) = setting::<InputPaths>(value) {
+            // Each in a folder of its own, as files of several folders may have the same name.
+            let copies = paths.iter().enumerate().map(|(i, path)| self.copy(&format!("{}-{i}", input.name), path));
+            return ron::to_string(&copies.collect::<Result<Vec<_>, _>>()?).map_err(unwritten);
+        }
         let path = match input.files {
             FileUse::None => None,
-            FileUse::Read => setting::<InputPath>(value).map(|path| self.copy(input, &path)).transpose()?,
+            FileUse::Read => setting::<InputPath>(value).map(|path| self.copy(input.name, &path)).transpose()?,
             FileUse::Write => setting::<OutputPath>(value).map(|path| self.written(&path)),
         };
         match path {
             None => Ok(text.to_owned()),
-            Some(path) => ron::to_string(&path)
-                .map_err(|e| BundleError::Input { input: input.name.to_owned(), reason: format!("its path cannot be written: {e}") }),
+            Some(path) => ron::to_string(&path).map_err(unwritten),
         }
     }
 
     /// Copies the file that is read at this frame; one that is not there is no file of the bundle either, so that the same is missed.
-    fn copy(&mut self, input: &InputSchema, path: &InputPath) -> Result<String, BundleError> {
-        let here = format!("files/{}", file_name(input.name));
+    fn copy(&mut self, input: &str, path: &InputPath) -> Result<String, BundleError> {
+        let here = format!("files/{}", file_name(input));
         let parent = |p: &Path| p.parent().map(Path::to_owned).unwrap_or_default();
         self.folders.push((here.clone(), parent(&path.at(self.frame)).display().to_string()));
         if let Some(file) = path.resolve(self.frame, missing(self.spec)).filter(|f| f.is_file()) {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::diag::Diagnostic;
 use crate::graph::Binding;
 use crate::node::{Kind, Literal};
-use crate::setting::{FileUse, InputPath, Missing, OutputPath, normalise};
+use crate::setting::{FileUse, InputPath, InputPaths, Missing, OutputPath, normalise};
 
 use super::typing::Typed;
 use super::{At, Checker, code};
@@ -31,6 +31,9 @@ impl Checker<'_> {
     }
 
     fn check_read(&mut self, value: &Literal, at: At, missing: Option<Missing>, typed: &Typed) {
+        if let Some(paths) = value.downcast_ref::<InputPaths>() {
+            return paths.0.iter().for_each(|path| self.check_file(&path.at(0), at));
+        }
         let path = value.downcast_ref::<InputPath>().cloned().or_else(|| value.downcast_ref::<Option<InputPath>>().cloned().flatten());
         let Some(path) = path else { return };
         if !path.is_sequence() {

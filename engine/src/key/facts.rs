@@ -8,7 +8,7 @@ use crate::clock::Clock;
 use crate::graph::{Binding, Graph, GraphNode, Port};
 use crate::node::{Access, InputSchema, Kind, Literal, NodeError};
 use crate::plan::wires;
-use crate::setting::{ClockName, FileUse, InputPath, Missing, OutputPath};
+use crate::setting::{ClockName, FileUse, InputPath, InputPaths, Missing, OutputPath};
 
 use super::literal::canonical;
 
@@ -142,6 +142,10 @@ pub(crate) fn facts(
                     let path = path.at(0);
                     fact(FactKind::File, format!("{} {}", ending(&path), content(&path)?))
                 }
+                Some(File::Several(paths)) => {
+                    let one = |path: &InputPath| Ok(format!("{} {}", ending(&path.at(0)), content(&path.at(0))?));
+                    fact(FactKind::File, paths.0.iter().map(one).collect::<Result<Vec<_>, NodeError>>()?.join(", "))
+                }
                 Some(File::Written(path)) => fact(FactKind::Written, below_root(&path)),
                 None => fact(FactKind::Literal, canonical(text, !input.choices.is_empty())),
             }),
@@ -201,22 +205,25 @@ fn below_root(path: &OutputPath) -> String {
 /// A file that a setting names.
 enum File {
     Read(InputPath),
+    Several(InputPaths),
     Written(OutputPath),
 }
 
 fn named_file(input: &InputSchema, value: &Literal) -> Option<File> {
     match input.files {
         FileUse::None => None,
-        FileUse::Read => of::<InputPath>(value).map(File::Read),
+        FileUse::Read => of::<InputPath>(value).map(File::Read).or_else(|| of::<InputPaths>(value).map(File::Several)),
         FileUse::Write => of::<OutputPath>(value).map(File::Written),
     }
 }
 
 /// The paths that a node reads, in the order of its inputs.
-pub(super) fn read_paths(spec: &GraphNode) -> impl Iterator<Item = InputPath> + '_ {
-    spec.inputs.iter().zip(&spec.ty.schema.inputs).filter_map(|(binding, input)| match binding {
-        Binding::Literal { value, .. } if input.files == FileUse::Read => of::<InputPath>(value),
-        _ => None,
+pub(super) fn read_paths<'a>(spec: &'a GraphNode) -> impl Iterator<Item = InputPath> + 'a {
+    let literal = |binding: &'a Binding| if let Binding::Literal { value, .. } = binding { Some(value) } else { None };
+    let read = spec.inputs.iter().zip(&spec.ty.schema.inputs).filter(|(_, input)| input.files == FileUse::Read);
+    read.filter_map(move |(binding, _)| literal(binding)).flat_map(|value| {
+        let one = of::<InputPath>(value).into_iter();
+        one.chain(of::<InputPaths>(value).into_iter().flat_map(|paths| paths.0))
     })
 }
 
