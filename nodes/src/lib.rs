@@ -7,6 +7,7 @@ mod comp;
 #[cfg(test)]
 mod counted;
 pub mod data;
+mod drawing;
 #[cfg(test)]
 mod footage_tests;
 mod image;

@@ -5,13 +5,17 @@ use pegbar_engine::registry::Registry;
 use crate::capture::CaptureContour;
 use crate::cel::{CelArt, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
-use crate::data::{Affine2, Basis, Image, KeyImages, KeyShapes, Matte, Shape, Weights};
+use crate::data::{Affine2, Basis, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Matte, Shape, Weights};
+use crate::drawing::DrawingMerge;
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
     ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
     ImageWarpMesh,
 };
-use crate::io::{IoReadImage, IoReadImages, IoReadValue, IoWriteImages, IoWriteTable, IoWriteValue};
+use crate::io::{
+    IoReadDrawings, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadShapes, IoReadValue, IoWriteDrawings,
+    IoWriteImages, IoWriteTable, IoWriteValue,
+};
 use crate::keys::{KeysBasis, KeysInbetween};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::plot::{PlotCurves, PlotPlayhead};
@@ -23,6 +27,8 @@ use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::render::{RenderShapes, RenderStrip};
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
 use crate::solve::SolveKeyWeights;
+use crate::render::{RenderDrawings, RenderShapes, RenderStrip};
+use crate::retarget::{RetargetDrawings, RetargetImage, RetargetShapes};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
 
@@ -38,6 +44,8 @@ fn types(registry: Registry) -> Registry {
         .value::<Basis>()
         .value::<Image>()
         .value::<KeyImages>()
+        .value::<Drawing>()
+        .value::<KeyDrawings>()
         .value::<KeyShapes>()
         .value::<Matte>()
         .value::<Shape>()
@@ -54,6 +62,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<CompMask>()
         .per_frame::<CompMerge>()
         .per_frame::<CompOver>()
+        .per_frame::<DrawingMerge>()
         .per_frame::<ImageBlur>()
         .per_frame::<ImageCheckerboard>()
         .whole::<ImageCleanPlate>()
@@ -72,9 +81,14 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ImageUnpremultiply>()
         .per_frame::<ImageWarpAffine>()
         .recurrent::<ImageWarpMesh>()
+        .per_frame::<IoReadDrawings>()
         .per_frame::<IoReadImage>()
         .per_frame::<IoReadImages>()
+        .per_frame::<IoReadKeyDrawings>()
+        .per_frame::<IoReadKeyShapes>()
+        .per_frame::<IoReadShapes>()
         .per_frame::<IoReadValue>()
+        .whole::<IoWriteDrawings>()
         .per_frame::<IoWriteImages>()
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
@@ -86,8 +100,10 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<MatteFromImage>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
+        .per_frame::<RenderDrawings>()
         .per_frame::<RenderShapes>()
         .whole::<RenderStrip>()
+        .recurrent::<RetargetDrawings>()
         .recurrent::<RetargetImage>()
         .recurrent::<RetargetShapes>()
         .per_frame::<RetimeApply>()

@@ -26,6 +26,7 @@ pub mod raster;
 pub mod resample;
 pub mod smoothness;
 pub mod statistics;
+pub mod svg;
 pub mod table;
 pub mod trace;
 pub mod track_affine;

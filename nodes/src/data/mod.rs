@@ -2,6 +2,7 @@
 
 mod affine;
 mod basis;
+mod drawing;
 mod image;
 mod key_images;
 mod matte;
@@ -10,6 +11,7 @@ mod weights;
 
 pub use affine::Affine2;
 pub use basis::{Basis, BasisKind};
+pub use drawing::{Contour, Drawing, KeyDrawings};
 pub use image::Image;
 pub(crate) use image::LARGEST;
 pub use key_images::KeyImages;

@@ -2,18 +2,29 @@
 
 mod file;
 mod picture;
+mod read_drawings;
 mod read_image;
 mod read_images;
+mod read_key_drawings;
+mod read_key_shapes;
+mod read_shapes;
 mod read_value;
+mod svg;
 #[cfg(test)]
 mod tests;
+mod write_drawings;
 mod write_images;
 mod write_table;
 mod write_value;
 
+pub(crate) use read_drawings::IoReadDrawings;
 pub(crate) use read_image::IoReadImage;
 pub(crate) use read_images::IoReadImages;
+pub(crate) use read_key_drawings::IoReadKeyDrawings;
+pub(crate) use read_key_shapes::IoReadKeyShapes;
+pub(crate) use read_shapes::IoReadShapes;
 pub(crate) use read_value::IoReadValue;
+pub(crate) use write_drawings::IoWriteDrawings;
 pub(crate) use write_images::IoWriteImages;
 pub(crate) use write_table::IoWriteTable;
 pub(crate) use write_value::IoWriteValue;

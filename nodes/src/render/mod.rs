@@ -1,10 +1,12 @@
 //! Drawings of results: contours and grids on footage, sheets of frames.
 
+mod drawings;
 mod shapes;
 mod strip;
 #[cfg(test)]
 pub(crate) mod tests;
 
+pub(crate) use drawings::RenderDrawings;
 pub(crate) use shapes::RenderShapes;
 pub(crate) use strip::RenderStrip;
 
@@ -54,6 +56,15 @@ pub(crate) fn screen(rgb: [f64; 3]) -> [f32; 4] {
 /// A linear, premultiplied colour with an opacity laid on.
 pub(crate) fn faded(colour: [f32; 4], opacity: f64) -> [f32; 4] {
     colour.map(|v| v * opacity as f32)
+}
+
+/// Lays a picture over another, with an opacity.
+pub(crate) fn laid(below: &mut [f32], above: &[f32], opacity: f64) {
+    for (below, above) in below.chunks_exact_mut(4).zip(above.chunks_exact(4)) {
+        let above = [above[0], above[1], above[2], above[3]].map(|v| v * opacity as f32);
+        let keep = 1.0 - above[3];
+        below.iter_mut().zip(above).for_each(|(b, a)| *b = *b * keep + a);
+    }
 }
 
 /// The colour number `i`: of those that are given, or else of the palette, again from the start after the last.

@@ -16,7 +16,7 @@ use kurbo::Point;
 use pegbar_engine::Node;
 use pegbar_engine::node::{Context, In, List, NodeError, PerFrame, Problem};
 
-use super::{Drawing, blank, cycled, drawing, faded, rgba, screen, within};
+use super::{Drawing, blank, cycled, drawing, faded, laid, rgba, screen, within};
 use crate::algo::grid::{self, ON_FOOTAGE, OverlayError, dot, finite_motion, moved, polyline};
 use crate::algo::paint::{BezPath, Canvas, FillRule, hex};
 use crate::algo::raster::{Affine, identity};
@@ -236,11 +236,7 @@ impl PerFrame for RenderShapes {
         // What overlaps in the drawing must not show through itself, so that it is made by itself first.
         let mut layer = blank(window)?;
         self.draw(&mut layer, window, display)?;
-        for (below, above) in samples.chunks_exact_mut(4).zip(layer.chunks_exact(4)) {
-            let above = [above[0], above[1], above[2], above[3]].map(|v| v * self.opacity as f32);
-            let keep = 1.0 - above[3];
-            below.iter_mut().zip(above).for_each(|(b, a)| *b = *b * keep + a);
-        }
+        laid(&mut samples, &layer, self.opacity);
         drawing(window, display, samples)
     }
 

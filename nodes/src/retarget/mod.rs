@@ -1,10 +1,12 @@
 //! Captured motion put on other keys: shapes, drawings, photographs.
 
 mod carry;
+mod drawings;
 mod image;
 mod shapes;
 
 pub(crate) use carry::{Carried, Edge, covered, cut, dissolve, with_alpha};
+pub(crate) use drawings::RetargetDrawings;
 pub(crate) use image::RetargetImage;
 pub(crate) use shapes::RetargetShapes;
 

@@ -1,0 +1,5 @@
+//! Vector drawings put together.
+
+mod merge;
+
+pub(crate) use merge::DrawingMerge;
