@@ -1,6 +1,7 @@
 //! Named n-dimensional arrays: what every value is made of, for files, hashing, comparison and plugins alike.
 
 use std::fmt;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -197,11 +198,32 @@ pub trait ArrayField: Sized {
     }
 }
 
+/// An array that several values share, as the triangles of a mesh that moves.
+impl<A: ArrayField> ArrayField for Arc<A> {
+    const DTYPE: DType = A::DTYPE;
+    fn shape(&self) -> Shape {
+        A::shape(self)
+    }
+    fn bytes(&self) -> &[u8] {
+        A::bytes(self)
+    }
+    fn from_array(array: Array) -> Result<Self, ArrayError> {
+        A::from_array(array).map(Arc::new)
+    }
+}
+
 /// An array of `D` axes, for fields whose shape is not told by a Rust type.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NdArray<T, const D: usize> {
     shape: [usize; D],
     data: Vec<T>,
+}
+
+/// No elements.
+impl<T, const D: usize> Default for NdArray<T, D> {
+    fn default() -> Self {
+        Self { shape: [0; D], data: Vec::new() }
+    }
 }
 
 impl<T, const D: usize> NdArray<T, D> {

@@ -35,6 +35,8 @@ pub struct ArraySchema {
     pub dtype: DType,
     /// Shape in letters, as `[h, w, c]`.
     pub shape: &'static str,
+    /// True where it may be left out of files: it is then empty.
+    pub optional: bool,
     /// Meaning and unit.
     pub doc: &'static str,
 }
@@ -75,6 +77,11 @@ impl OwnedParts {
             Some(i) => Ok(self.arrays.swap_remove(i).1),
             None => Err(ValueError::MissingArray { name: name.to_owned(), present: self.names() }),
         }
+    }
+
+    /// Takes the array `name` out; `None` where there is none.
+    pub fn take_optional(&mut self, name: &str) -> Option<Array> {
+        self.take(name).ok()
     }
 
     fn names(&self) -> String {

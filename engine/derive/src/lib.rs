@@ -10,8 +10,8 @@ use syn::{DeriveInput, parse_macro_input};
 
 /// A value type from a struct of arrays and texts.
 ///
-/// Each field is an array, `#[value(shape = "[n, 2]")]`; a text, `#[value(text)]` (serde, kept out of files where it is the default); or a cache,
-/// `#[value(skip)]` (made by `Default`). On the struct: `#[value(check = "method")]` names a `fn(&self) -> Result<(), String>` that holds the parts
+/// Each field is an array, `#[value(shape = "[n, 2]")]` (with `optional` where files may leave it out); a text, `#[value(text)]` (serde, kept out of
+/// files where it is the default); or a cache, `#[value(skip)]` (made by `Default`). On the struct: `#[value(check = "method")]` names a `fn(&self) -> Result<(), String>` that holds the parts
 /// together, and `#[value(literal = "function", form = "text")]` lets it be written in graph files.
 #[proc_macro_derive(Value, attributes(value))]
 pub fn derive_value(input: TokenStream) -> TokenStream {

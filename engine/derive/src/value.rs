@@ -15,7 +15,7 @@ struct StructAttrs {
 }
 
 enum FieldKind {
-    Array(LitStr),
+    Array { shape: LitStr, optional: bool },
     Text,
     Skip,
 }
@@ -42,20 +42,25 @@ fn struct_attrs(input: &DeriveInput) -> syn::Result<StructAttrs> {
 }
 
 fn field_kind(field: &syn::Field) -> syn::Result<FieldKind> {
-    let mut kind = None;
+    let (mut kind, mut optional) = (None, false);
     for attribute in field.attrs.iter().filter(|a| a.path().is_ident("value")) {
         attribute.parse_nested_meta(|m| {
             if m.path.is_ident("shape") {
-                kind = Some(FieldKind::Array(m.value()?.parse()?));
+                kind = Some(FieldKind::Array { shape: m.value()?.parse()?, optional: false });
+            } else if m.path.is_ident("optional") {
+                optional = true;
             } else if m.path.is_ident("text") {
                 kind = Some(FieldKind::Text);
             } else if m.path.is_ident("skip") {
                 kind = Some(FieldKind::Skip);
             } else {
-                return Err(m.error("expected shape, text or skip"));
+                return Err(m.error("expected shape, optional, text or skip"));
             }
             Ok(())
         })?;
+    }
+    if let Some(FieldKind::Array { optional: may, .. }) = &mut kind {
+        *may = optional;
     }
     kind.ok_or_else(|| syn::Error::new_spanned(field, "expected #[value(shape = \"...\")], #[value(text)] or #[value(skip)]"))
 }
@@ -71,14 +76,22 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
         let (fname, ty) = (&field.ident, &field.ty);
         let key = fname.as_ref().map(ToString::to_string).unwrap_or_default();
         match field_kind(field)? {
-            FieldKind::Array(shape) => {
+            FieldKind::Array { shape, optional } => {
                 let doc = doc(&field.attrs, field, "an array")?;
                 first.get_or_insert(fname);
-                arrays.push(quote! { ::pegbar_engine::value::ArraySchema { name: #key, dtype: <#ty as ::pegbar_engine::array::ArrayField>::DTYPE, shape: #shape, doc: #doc } });
+                arrays.push(quote! { ::pegbar_engine::value::ArraySchema { name: #key, dtype: <#ty as ::pegbar_engine::array::ArrayField>::DTYPE, shape: #shape, optional: #optional, doc: #doc } });
                 views.push(quote! { (#key, ::pegbar_engine::array::ArrayField::view(&self.#fname)) });
                 sizes.push(quote! { ::pegbar_engine::array::ArrayField::bytes(&self.#fname).len() });
-                builds.push(quote! { #fname: ::pegbar_engine::array::ArrayField::from_array(parts.take(#key)?)
-                .map_err(|source| ::pegbar_engine::value::ValueError::Array { name: #key, source })? });
+                let read = |array| {
+                    quote! { ::pegbar_engine::array::ArrayField::from_array(#array)
+                    .map_err(|source| ::pegbar_engine::value::ValueError::Array { name: #key, source })? }
+                };
+                let (given, must) = (read(quote! { array }), read(quote! { parts.take(#key)? }));
+                builds.push(if optional {
+                    quote! { #fname: match parts.take_optional(#key) { Some(array) => #given, None => ::core::default::Default::default() } }
+                } else {
+                    quote! { #fname: #must }
+                });
             }
             FieldKind::Text => {
                 let doc = doc(&field.attrs, field, "a text")?;

@@ -415,6 +415,9 @@ impl<R: Read + Seek> Archive<R> {
         let mut left = self.limit;
         let mut arrays = Vec::new();
         for wanted in &ty.schema.arrays {
+            if wanted.optional && !self.has(wanted.name) {
+                continue;
+            }
             let array = self.read(wanted.name, frame, &mut left)?;
             arrays.push((wanted.name.to_owned(), npy::convert(array, wanted.dtype)));
         }
