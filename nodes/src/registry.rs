@@ -7,6 +7,7 @@ use crate::cel::{CelArt, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Basis, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Matte, Shape, Weights};
 use crate::drawing::DrawingMerge;
+use crate::data::{Affine2, Image, KeyShapes, Matte, Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, Weights};
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
     ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
@@ -48,7 +49,12 @@ fn types(registry: Registry) -> Registry {
         .value::<KeyDrawings>()
         .value::<KeyShapes>()
         .value::<Matte>()
+        .value::<Mesh>()
+        .value::<MorphTargets>()
+        .value::<Pose>()
         .value::<Shape>()
+        .value::<Skeleton>()
+        .value::<SkinnedMesh>()
         .value::<Weights>()
 }
 

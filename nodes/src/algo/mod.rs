@@ -25,6 +25,7 @@ pub mod plot;
 pub mod raster;
 pub mod resample;
 pub mod smoothness;
+pub mod skeleton;
 pub mod statistics;
 pub mod svg;
 pub mod table;

@@ -6,7 +6,9 @@ mod drawing;
 mod image;
 mod key_images;
 mod matte;
+mod mesh;
 mod shape;
+mod skeleton;
 mod weights;
 
 pub use affine::Affine2;
@@ -16,5 +18,7 @@ pub use image::Image;
 pub(crate) use image::LARGEST;
 pub use key_images::KeyImages;
 pub use matte::Matte;
+pub use mesh::{Mesh, MorphTargets, SkinnedMesh};
 pub use shape::{KeyShapes, Shape};
+pub use skeleton::{Pose, Skeleton};
 pub use weights::Weights;

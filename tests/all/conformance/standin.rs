@@ -97,6 +97,10 @@ impl Kind {
     fn value(self, ty: &ValueType, offset: usize) -> Option<ValueRef> {
         let arrays = ty.schema.arrays.iter().map(|a| (a.name.to_owned(), self.array(a.dtype, a.shape, offset)));
         let mut parts = OwnedParts { arrays: arrays.collect(), ..OwnedParts::default() };
+        // Any numbers make no tree; a chain is one.
+        if let Some((_, Array { data: Data::I64(parents), .. })) = parts.arrays.iter_mut().find(|(name, _)| name == "parents") {
+            parents.iter_mut().zip(-1..).for_each(|(p, before)| *p = before);
+        }
         let windows = match self {
             Kind::Shifted => Some(([-3, 4, 9, 13], [0, 0, 12, 9])),
             Kind::Vast => Some(([0, 0, 12, 9], [-1_000_000, -1_000_000, 1_000_000, 1_000_000])),
