@@ -15,11 +15,13 @@ mod io;
 mod keys;
 mod matte;
 mod plot;
+mod pose;
 mod registry;
 mod render;
 mod retarget;
 mod shape;
 mod solve;
+mod skin;
 mod time;
 mod track;
 

@@ -18,8 +18,11 @@ use crate::io::{
     IoWriteImages, IoWriteTable, IoWriteValue,
 };
 use crate::keys::{KeysBasis, KeysInbetween};
+use crate::io::{IoReadGltf, IoReadImage, IoReadImages, IoReadValue, IoWriteGltf, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::plot::{PlotCurves, PlotPlayhead};
+use crate::pose::{MeshPin, PosePin};
+
 use crate::render::{RenderShapes, RenderStrip};
 use crate::retarget::{RetargetImage, RetargetShapes};
 use crate::keys::{KeysChoose, KeysPick};
@@ -30,6 +33,8 @@ use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
 use crate::solve::SolveKeyWeights;
 use crate::render::{RenderDrawings, RenderShapes, RenderStrip};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetShapes};
+use crate::retarget::{RetargetJointAngles, RetargetMeshes};
+use crate::skin::SkinLinearBlend;
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
 
@@ -88,6 +93,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ImageWarpAffine>()
         .recurrent::<ImageWarpMesh>()
         .per_frame::<IoReadDrawings>()
+        .whole::<IoReadGltf>()
         .per_frame::<IoReadImage>()
         .per_frame::<IoReadImages>()
         .per_frame::<IoReadKeyDrawings>()
@@ -95,6 +101,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<IoReadShapes>()
         .per_frame::<IoReadValue>()
         .whole::<IoWriteDrawings>()
+        .whole::<IoWriteGltf>()
         .per_frame::<IoWriteImages>()
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
@@ -104,6 +111,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<KeysPick>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
+        .whole::<MeshPin>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
         .per_frame::<RenderDrawings>()
@@ -117,6 +125,14 @@ fn nodes(registry: Registry) -> Registry {
         .recurrent::<ShapeResample>()
         .per_frame::<ShapeTrace>()
         .whole::<SolveKeyWeights>()
+
+        .whole::<PosePin>()
+        .per_frame::<RenderShapes>()
+        .whole::<RenderStrip>()
+        .per_frame::<RetargetJointAngles>()
+        .per_frame::<RetargetMeshes>()
+        .per_frame::<RetimeApply>()
+        .recurrent::<SkinLinearBlend>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()
         .per_frame::<TimeOffset>()

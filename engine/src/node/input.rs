@@ -409,6 +409,26 @@ impl<T: Value> Input for Sequence<T> {
     }
 }
 
+/// A whole sequence that may be left out.
+impl<T: Value> Input for Option<Sequence<T>> {
+    fn ty() -> InputType {
+        InputType::Value(T::NAME)
+    }
+    fn access() -> Access {
+        Access::Sequence
+    }
+    const OPTIONAL: bool = true;
+    fn parse(text: &str, _place: &Place) -> Result<(Literal, Vec<f64>), SettingError> {
+        Err(no_literal(text))
+    }
+    fn from_arg(arg: Arg) -> Result<Self, NodeError> {
+        match arg {
+            Arg::None => Ok(None),
+            arg => <Sequence<T>>::from_arg(arg).map(Some),
+        }
+    }
+}
+
 /// A whole sequence of values of any type.
 #[derive(Debug)]
 pub struct AnySequence(SequenceRef);

@@ -1,6 +1,6 @@
 //! Trees of joints: their order, and where each stands.
 
-use nalgebra::{Matrix4, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix4, Rotation3, RowVector4, UnitQuaternion, Vector3};
 use thiserror::Error;
 
 /// A joint in its parent's space: parent from joint = translation · rotation · scale.
@@ -24,6 +24,23 @@ impl Joint {
         }
         m.fixed_view_mut::<3, 1>(0, 3).copy_from(&self.translation);
         m
+    }
+
+    /// Translation, rotation and scale of a matrix; `None` where it has a shear of more than 1e-4, a perspective, or no inverse.
+    pub fn from_matrix(m: &Matrix4<f64>) -> Option<Self> {
+        let linear: Matrix3<f64> = m.fixed_view::<3, 3>(0, 0).into_owned();
+        let mut scale = Vector3::new(linear.column(0).norm(), linear.column(1).norm(), linear.column(2).norm());
+        if linear.determinant() < 0.0 {
+            scale.x = -scale.x;
+        }
+        if scale.iter().any(|s| *s == 0.0 || !s.is_finite()) {
+            return None;
+        }
+        let turned = Matrix3::from_columns(&[linear.column(0) / scale.x, linear.column(1) / scale.y, linear.column(2) / scale.z]);
+        let is_rotation = (turned.transpose() * turned - Matrix3::identity()).amax() < 1e-4;
+        let has_last_row = (m.row(3) - RowVector4::new(0.0, 0.0, 0.0, 1.0)).amax() < 1e-6;
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turned));
+        (is_rotation && has_last_row).then_some(Joint { translation: m.fixed_view::<3, 1>(0, 3).into_owned(), rotation, scale })
     }
 }
 

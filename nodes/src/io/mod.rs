@@ -1,8 +1,10 @@
 //! Files in and out: pictures, values and tables.
 
 mod file;
+mod gltf;
 mod picture;
 mod read_drawings;
+mod read_gltf;
 mod read_image;
 mod read_images;
 mod read_key_drawings;
@@ -13,11 +15,13 @@ mod svg;
 #[cfg(test)]
 mod tests;
 mod write_drawings;
+mod write_gltf;
 mod write_images;
 mod write_table;
 mod write_value;
 
 pub(crate) use read_drawings::IoReadDrawings;
+pub(crate) use read_gltf::IoReadGltf;
 pub(crate) use read_image::IoReadImage;
 pub(crate) use read_images::IoReadImages;
 pub(crate) use read_key_drawings::IoReadKeyDrawings;
@@ -25,6 +29,7 @@ pub(crate) use read_key_shapes::IoReadKeyShapes;
 pub(crate) use read_shapes::IoReadShapes;
 pub(crate) use read_value::IoReadValue;
 pub(crate) use write_drawings::IoWriteDrawings;
+pub(crate) use write_gltf::IoWriteGltf;
 pub(crate) use write_images::IoWriteImages;
 pub(crate) use write_table::IoWriteTable;
 pub(crate) use write_value::IoWriteValue;

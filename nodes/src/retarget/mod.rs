@@ -101,4 +101,45 @@ fn placed(place: Option<&Affine2>, motion: Option<&Affine2>) -> Result<Affine, N
 
 fn moved(points: &[[f64; 2]], map: &Affine) -> Vec<[f64; 2]> {
     points.iter().map(|p| apply(map, (*p).into()).into()).collect()
+//! Captured motion put on other keys: meshes and articulated figures.
+
+mod joint_angles;
+mod meshes;
+
+pub(crate) use joint_angles::RetargetJointAngles;
+pub(crate) use meshes::RetargetMeshes;
+
+use nalgebra::Matrix4;
+use pegbar_engine::node::NodeError;
+
+use crate::algo::in_plane::{DepthScale, InPlane, Plane};
+use crate::algo::raster::Affine;
+use crate::data::Affine2;
+
+/// Weights of the keys, as many as there are and finite.
+fn expect_weights(weights: &[f64], keys: usize) -> Result<(), NodeError> {
+    if weights.len() != keys {
+        let message = format!("weights: expected {keys}, one for each key, found {}", weights.len());
+        return Err(NodeError::input(message).help("give a target key for each captured key, in the same order"));
+    }
+    match weights.iter().position(|w| !w.is_finite()) {
+        Some(k) => Err(NodeError::input(format!("weights: expected finite numbers, found {} at {k}", weights[k]))),
+        None => Ok(()),
+    }
+}
+
+/// A captured motion as one of the world; none where there is none.
+fn in_world(
+    motion: Option<&Affine2>,
+    (plane, scale, origin): (Plane, f64, [f64; 2]),
+    flip: bool,
+    depth: DepthScale,
+) -> Result<Matrix4<f64>, NodeError> {
+    let Some(motion) = motion else { return Ok(Matrix4::identity()) };
+    let map = Affine::from(motion);
+    if map.iter().all(|v| v.is_finite()) {
+        Ok(InPlane { plane, scale, origin, flip, depth }.matrix(&map))
+    } else {
+        Err(NodeError::input("motion: expected a finite affine map, found NaN or infinity"))
+    }
 }
