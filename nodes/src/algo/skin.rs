@@ -6,6 +6,9 @@
 use multiversion::multiversion;
 use nalgebra::Matrix4;
 
+/// Positions and normals.
+pub type Moved = (Vec<[f64; 3]>, Vec<[f64; 3]>);
+
 /// A surface made ready to be skinned: weights add up to 1, vertices that nothing moves stay where they are.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Skin {
@@ -74,7 +77,7 @@ impl Skin {
     ///
     /// # Errors
     /// Where there is another number of joints, or a motion is not finite.
-    pub fn pose(&self, motions: &[Matrix4<f64>], narrow: bool) -> Result<(Vec<[f64; 3]>, Vec<[f64; 3]>), String> {
+    pub fn pose(&self, motions: &[Matrix4<f64>], narrow: bool) -> Result<Moved, String> {
         if motions.len() != self.n_joints {
             return Err(format!("expected {} joints, found {}", self.n_joints, motions.len()));
         }

@@ -1,6 +1,7 @@
 //! The file nodes in whole graphs: what is written is read again, and what cannot be is one clear error and no file.
 
 mod drawings;
+mod gltf;
 mod pictures;
 mod values;
 

@@ -59,7 +59,7 @@ pub(crate) struct IoWriteGltf {
     morphs: Option<In<MorphTargets>>,
     /// How much of each morph target. None of any where it is left out.
     weights: Option<Sequence<Weights>>,
-    /// A texture, linear light, premultiplied; it is written as 8-bit sRGB.
+    /// A texture, linear light, premultiplied; it is written as 8-bit sRGB, where the mesh has texture coordinates for it to lie by.
     texture: Option<In<Image>>,
     /// The file, inside the output folder, ending in .glb or .gltf.
     path: OutputPath,

@@ -35,29 +35,29 @@ use crate::data::Mesh;
 )]
 pub(crate) struct MeshPin {
     /// The moving mesh.
-    mesh: Sequence<Mesh>,
+    pub(super) mesh: Sequence<Mesh>,
     /// What stands where: `frames` from first to last; `vertex`, from 0; `at`, its place in metres, where it is left out the one that it has at the first of
     /// the frames.
     #[input(default = [])]
-    pins: Pins,
+    pub(super) pins: Pins,
     /// Height that no vertex goes below at any frame. None where it is left out.
     #[input(default = None, range = -1000000.0..=1000000.0, unit = "m")]
-    ground: Option<f64>,
+    pub(super) ground: Option<f64>,
     /// Frames on either side over which a lift above the ground comes and goes. 0 lifts only where it must.
     #[input(default = 0, range = 0..=10000, unit = "frames")]
-    soften: u32,
+    pub(super) soften: u32,
     /// Frames over which the shift comes before the first pin and goes after the last. It is held where this is left out; 0 lets go at once.
     #[input(default = None, range = 0.0..=1000000.0, unit = "frames")]
-    blend: Option<f64>,
+    pub(super) blend: Option<f64>,
 }
 
 /// The mesh, and how well the pins hold.
 #[derive(Outputs)]
 pub(crate) struct MeshPinOutputs {
     /// Shifted.
-    mesh: Stream<Mesh>,
+    pub(super) mesh: Stream<Mesh>,
     /// How far the worst pinned vertex is from its place, metres: more than nothing where pins overlap, or lie below the ground.
-    error: Stream<Curve>,
+    pub(super) error: Stream<Curve>,
 }
 
 impl MeshPin {
@@ -86,8 +86,10 @@ impl Whole for MeshPin {
         let mut by = shifts(&pins.iter().collect::<Vec<_>>(), n, self.blend);
         if let Some(ground) = self.ground {
             let low = |k: usize| {
-                let mesh = self.mesh.get(k)?;
-                Ok::<f64, NodeError>(mesh.positions.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min) + by[k].y)
+                let low =
+                    self.mesh.get(k)?.positions.iter().map(|p| p[1]).fold(f64::INFINITY, |a, b| if b.is_nan() { b } else { a.min(b) });
+                let message = || format!("frame {k} from the first: expected vertices at finite heights, found the lowest at {low}");
+                if low.is_finite() { Ok(low + by[k].y) } else { Err(NodeError::input(message())) }
             };
             let lowest: Vec<f64> = (0..n).map(low).collect::<Result<_, _>>()?;
             by.iter_mut().zip(lifts(&lowest, ground, self.soften as usize)).for_each(|(s, up)| s.y += up);

@@ -68,3 +68,6 @@ impl Pins {
         self.0.iter().map(one).collect()
     }
 }
+
+#[cfg(test)]
+mod tests;

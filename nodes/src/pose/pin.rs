@@ -51,36 +51,36 @@ const LIMB_BLEND: f64 = 4.0;
 )]
 pub(crate) struct PosePin {
     /// The figure's joints.
-    skeleton: In<Skeleton>,
+    pub(super) skeleton: In<Skeleton>,
     /// What they do.
-    pose: Sequence<Pose>,
+    pub(super) pose: Sequence<Pose>,
     /// The surface that they move: pins may then name its vertices, and none of it goes below the ground. The joints themselves do not where it is left out.
-    mesh: Option<In<SkinnedMesh>>,
+    pub(super) mesh: Option<In<SkinnedMesh>>,
     /// What stands where: `frames` from first to last; `joint` by name, or `vertex` from 0; `at`, its place in metres, where it is left out the one that it has
     /// at the first of the frames.
     #[input(default = [])]
-    pins: Pins,
+    pub(super) pins: Pins,
     /// What gives way.
     #[input(default = shift)]
-    method: Method,
+    pub(super) method: Method,
     /// Height that the figure does not go below at any frame. None where it is left out.
     #[input(default = None, range = -1000000.0..=1000000.0, unit = "m")]
-    ground: Option<f64>,
+    pub(super) ground: Option<f64>,
     /// Frames on either side over which a lift above the ground comes and goes. 0 lifts only where it must.
     #[input(default = 0, range = 0..=10000, unit = "frames")]
-    soften: u32,
+    pub(super) soften: u32,
     /// Frames over which a pin comes before the first and goes after the last. Left out, a shift is held, and a limb takes 4; 0 lets go at once.
     #[input(default = None, range = 0.0..=1000000.0, unit = "frames")]
-    blend: Option<f64>,
+    pub(super) blend: Option<f64>,
 }
 
 /// The figure, and how well the pins hold.
 #[derive(Outputs)]
 pub(crate) struct PosePinOutputs {
     /// Its pose.
-    pose: Stream<Pose>,
+    pub(super) pose: Stream<Pose>,
     /// How far the worst pinned point is from its place, metres: more than nothing where pins overlap, are out of reach, or lie below the ground.
-    error: Stream<Curve>,
+    pub(super) error: Stream<Curve>,
 }
 
 /// A figure frame by frame.

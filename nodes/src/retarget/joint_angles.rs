@@ -37,45 +37,49 @@ use crate::data::{Affine2, Pose, Skeleton, Weights};
 )]
 pub(crate) struct RetargetJointAngles {
     /// The key poses, one for each captured key.
-    poses: List<In<Pose>>,
+    pub(super) poses: List<In<Pose>>,
     /// How much of each key, for all joints alike; taken relative to their sum.
-    weights: In<Weights>,
+    pub(super) weights: In<Weights>,
     /// The captured motion: frame from reference, pixels. None where it is left out.
-    motion: Option<In<Affine2>>,
+    pub(super) motion: Option<In<Affine2>>,
     /// The figure's joints, which tell its roots. The first joint is the root where it is left out.
-    skeleton: Option<In<Skeleton>>,
+    pub(super) skeleton: Option<In<Skeleton>>,
     /// Which mean of the keys' rotations.
     #[input(default = karcher)]
-    mean: Mean,
+    pub(super) mean: Mean,
     /// True squashes and stretches the roots along their own axes, as far as the motion does; false leaves their size.
     #[input(default = false)]
-    squash: bool,
+    pub(super) squash: bool,
     /// The plane of the world that stands for the picture.
     #[input(default = xy)]
-    plane: Plane,
+    pub(super) plane: Plane,
     /// Metres a pixel: the height of the figure over that of the drawing.
     #[input(default = 0.01, range = 0.0..=1000000.0, unit = "m/px")]
-    scale: f64,
+    pub(super) scale: f64,
     /// The pixel of the reference frame that stands for the world's origin: between the feet, say.
     #[input(default = (0.0, 0.0), unit = "px")]
-    origin: [f64; 2],
+    pub(super) origin: [f64; 2],
     /// True where down in the picture is down in the world; false takes the picture's y as it is.
     #[input(default = true)]
-    flip: bool,
+    pub(super) flip: bool,
     /// What the motion does to depth, where it squashes.
     #[input(default = one)]
-    depth_scale: DepthScale,
+    pub(super) depth_scale: DepthScale,
 }
 
 /// The figure.
 #[derive(Outputs)]
 pub(crate) struct RetargetJointAnglesOutputs {
     /// Its pose.
-    pose: Pose,
+    pub(super) pose: Pose,
 }
 
 /// The weighted mean of a joint; `None` where its rotations have none.
 fn blend(keys: &[Joint], weights: &[f64], kind: Mean) -> Option<Joint> {
+    // A key by itself is that key, to the bit.
+    if let [only] = weights.iter().enumerate().filter(|(_, w)| **w != 0.0).map(|(k, _)| k).collect::<Vec<_>>()[..] {
+        return keys.get(only).copied();
+    }
     let sum: f64 = weights.iter().sum();
     let rotations: Vec<_> = keys.iter().map(|k| k.rotation).collect();
     let rotation = mean(&rotations, weights, kind)?;

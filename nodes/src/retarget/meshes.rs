@@ -35,35 +35,35 @@ use crate::skin::morph;
 )]
 pub(crate) struct RetargetMeshes {
     /// The key models, one for each captured key; or the one that `morphs` belong to.
-    meshes: List<In<Mesh>>,
+    pub(super) meshes: List<In<Mesh>>,
     /// Morph targets of one mesh as keys: one for each captured key, or for each but the first, which is then the mesh itself.
-    morphs: Option<In<MorphTargets>>,
+    pub(super) morphs: Option<In<MorphTargets>>,
     /// How much of each key. They add up to 1 where keys are blended; less shrinks towards the world's origin.
-    weights: In<Weights>,
+    pub(super) weights: In<Weights>,
     /// The captured motion: frame from reference, pixels. None where it is left out.
-    motion: Option<In<Affine2>>,
+    pub(super) motion: Option<In<Affine2>>,
     /// The plane of the world that stands for the picture.
     #[input(default = xy)]
-    plane: Plane,
+    pub(super) plane: Plane,
     /// Metres a pixel: the height of the model over that of the drawing.
     #[input(default = 0.01, range = 0.0..=1000000.0, unit = "m/px")]
-    scale: f64,
+    pub(super) scale: f64,
     /// The pixel of the reference frame that stands for the world's origin: between the feet, say.
     #[input(default = (0.0, 0.0), unit = "px")]
-    origin: [f64; 2],
+    pub(super) origin: [f64; 2],
     /// True where down in the picture is down in the world; false takes the picture's y as it is.
     #[input(default = true)]
-    flip: bool,
+    pub(super) flip: bool,
     /// What the motion does to depth.
     #[input(default = one)]
-    depth_scale: DepthScale,
+    pub(super) depth_scale: DepthScale,
 }
 
 /// The model.
 #[derive(Outputs)]
 pub(crate) struct RetargetMeshesOutputs {
     /// Blended and moved: metres, Y up.
-    mesh: Mesh,
+    pub(super) mesh: Mesh,
 }
 
 impl RetargetMeshes {

@@ -143,3 +143,6 @@ fn in_world(
         Err(NodeError::input("motion: expected a finite affine map, found NaN or infinity"))
     }
 }
+
+#[cfg(test)]
+mod tests;

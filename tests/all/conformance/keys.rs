@@ -47,12 +47,24 @@ fn keys(graph: &Graph) -> Result<BTreeSet<[u8; 32]>, String> {
     Ok(found)
 }
 
-/// Two pictures a frame, and two drawings of the same nodes.
+/// Two pictures a frame, two drawings of the same nodes, and two characters.
 pub(super) fn pictures(folder: &Path) {
     for (name, x) in [("a", 3), ("b", 5)] {
         let drawing =
             format!("<svg xmlns='http://www.w3.org/2000/svg' width='12' height='9'><g id='a'><path id='b' d='M0 0L{x} 0L2 7Z'/></g></svg>");
         std::fs::write(folder.join(format!("{name}.svg")), drawing).unwrap();
+    }
+    for (name, target) in [("a", "smile"), ("b", "frown")] {
+        use pegbar_nodes::algo::gltf;
+        let target = gltf::Target { name: target.to_owned(), positions: vec![[0.0, 0.5, 0.0]; 3], ..gltf::Target::default() };
+        let surface = gltf::Surface {
+            positions: &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            triangles: &[[0, 1, 2]],
+            ..gltf::Surface::default()
+        };
+        let animated = gltf::Animated { fps: 24.0, weights: &[vec![0.0], vec![1.0]], ..gltf::Animated::default() };
+        let export = gltf::Export { name, surface, skin: None, targets: &[target], animated, texture: None, binary: false };
+        std::fs::write(folder.join(format!("{name}.gltf")), gltf::write(&export).unwrap()).unwrap();
     }
     for (name, level) in [("a", 0.2), ("b", 0.7)] {
         for frame in 1..=4 {

@@ -168,12 +168,18 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
         ("text", _) => texts(&["\"a\"", "\"b\""]),
         ("clock", _) => texts(&["\"frames\"", "\"other\""]),
         ("value type", _) => texts(&["\"Curve\"", "\"Vector\""]),
+        ("name, number, or list of them", _) => texts(&["\"a\"", "1"]),
+        (list, _) if list.starts_with("list of pins") && list.contains("joint") => {
+            texts(&["[(frames: (1, 2), joint: \"a\")]", "[(frames: (2, 3), vertex: 0)]"])
+        }
+        ("path to read", "io.read_gltf") => texts(&["\"a.gltf\"", "\"b.gltf\""]),
         ("path to read", "io.read_image") => texts(&["\"a.0001.png\"", "\"b.0001.png\""]),
         ("path to read", "io.read_images") => texts(&["\"a.####.png\"", "\"b.####.png\""]),
         ("path to read", "io.read_value") => texts(&["\"Curve.ordinary.stream.npz\"", "\"Curve.other.stream.npz\""]),
         ("path to read", "io.read_shapes" | "io.read_drawings") => texts(&["\"a.svg\"", "\"b.svg\""]),
         ("path or list of paths to read", _) => texts(&["[\"a.svg\", \"b.svg\"]", "[\"b.svg\", \"a.svg\"]"]),
         ("path to write", "io.write_drawings") => texts(&["\"$out/a.svg\"", "\"$out/b.svg\""]),
+        ("path to write", "io.write_gltf") => texts(&["\"$out/a.glb\"", "\"$out/b.glb\""]),
         ("path to write", "io.write_images") => texts(&["\"$out/a.####.png\"", "\"$out/b.####.png\""]),
         ("path to write", "io.write_table") => texts(&["\"$out/a.csv\"", "\"$out/b.csv\""]),
         ("path to write", "io.write_value") => texts(&["\"$out/a.npz\"", "\"$out/b.npz\""]),

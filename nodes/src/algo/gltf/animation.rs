@@ -54,6 +54,8 @@ impl Track {
 
     /// The value at a time; held before the first key and after the last.
     fn at(&self, seconds: f64) -> Vec<f64> {
+        // Times are of 32 bits: a step that was written for a frame must not come after it.
+        let seconds = if self.interpolation == Interpolation::Step { seconds + 1e-5 } else { seconds };
         let after = self.times.partition_point(|t| *t <= seconds);
         if after == 0 || after == self.times.len() {
             return self.value(after.saturating_sub(1)).to_vec();

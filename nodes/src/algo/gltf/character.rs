@@ -46,9 +46,15 @@ pub struct Character {
     sources: Vec<Vec<(usize, usize, f64)>>,
 }
 
+/// A target of one primitive: its place in the character, and what it adds to positions and normals.
+struct PieceTarget {
+    slot: usize,
+    positions: Vec<[f64; 3]>,
+    normals: Option<Vec<[f64; 3]>>,
+}
+
 /// One primitive, read.
 struct Piece {
-    node: usize,
     positions: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     uvs: Option<Vec<[f64; 2]>>,
@@ -60,8 +66,7 @@ struct Piece {
     influences: usize,
     joints: Vec<u32>,
     weights: Vec<f64>,
-    /// Place of each of its targets in the character, and what it adds to positions and normals.
-    targets: Vec<(usize, Vec<[f64; 3]>, Option<Vec<[f64; 3]>>)>,
+    targets: Vec<PieceTarget>,
 }
 
 impl Document {
@@ -171,10 +176,10 @@ impl Document {
             let each = |name: &str| target.get(name).map(|a| self.vectors::<3>(*a, &["VEC3"], at)).transpose();
             let (positions, normals) = (each("POSITION")?, each("NORMAL")?);
             positions.iter().chain(&normals).try_for_each(|v| matched("a target", v.len()))?;
-            targets.push((*slot, positions.unwrap_or_default(), normals));
+            targets.push(PieceTarget { slot: *slot, positions: positions.unwrap_or_default(), normals });
         }
         let image = image.filter(|_| uvs.is_some());
-        Ok(Some(Piece { node, positions, triangles, uvs, normals, colors, is_colored, image, influences, joints, weights, targets }))
+        Ok(Some(Piece { positions, triangles, uvs, normals, colors, is_colored, image, influences, joints, weights, targets }))
     }
 
     /// The image of a texture.
@@ -295,7 +300,7 @@ impl Document {
     fn join(&self, pieces: Vec<Piece>, out: &mut Character) -> Result<(), GltfError> {
         let n: usize = pieces.iter().map(|p| p.positions.len()).sum();
         out.influences = pieces.iter().map(|p| p.influences).max().unwrap_or(0).max(4);
-        let has_target_normals = pieces.iter().any(|p| p.targets.iter().any(|t| t.2.is_some()));
+        let has_target_normals = pieces.iter().any(|p| p.targets.iter().any(|t| t.normals.is_some()));
         let targets = n.saturating_mul(out.target_names.len()).saturating_mul(if has_target_normals { 6 } else { 3 });
         self.spend(targets.saturating_add(n.saturating_mul(2 * out.influences)), "meshes")?;
         let (has_uvs, has_normals) = (pieces.iter().any(|p| p.uvs.is_some()), pieces.iter().any(|p| p.normals.is_some()));
@@ -304,7 +309,7 @@ impl Document {
         out.target_normals = vec![[0.0; 3]; if has_target_normals { n * out.target_names.len() } else { 0 }];
         for piece in pieces {
             let (start, own) = (out.positions.len(), piece.positions.len());
-            for (slot, positions, normals) in &piece.targets {
+            for PieceTarget { slot, positions, normals } in &piece.targets {
                 let at = slot * n + start;
                 out.target_positions[at..at + positions.len()].copy_from_slice(positions);
                 if let Some(normals) = normals {
@@ -331,7 +336,6 @@ impl Document {
             out.triangles.extend(piece.triangles.iter().map(|t| t.map(|v| v + start)));
             out.positions.extend(piece.positions);
             out.parts.push(Part { image: piece.image, vertices: start as usize..out.positions.len() });
-            let _ = piece.node;
         }
         Ok(())
     }

@@ -7,7 +7,7 @@ use super::container::{pack, to_base64};
 use super::error::{GltfError, malformed};
 use crate::algo::mesh::unit;
 use crate::algo::rotation::near;
-use crate::algo::skeleton::Joint;
+use crate::algo::skeleton::{Joint, order};
 
 /// A surface to be written.
 #[derive(Clone, Copy, Debug, Default)]
@@ -80,7 +80,7 @@ pub struct Export<'a> {
     pub targets: &'a [Target],
     /// What moves.
     pub animated: Animated<'a>,
-    /// A texture as PNG, and whether it is see-through anywhere.
+    /// A texture as PNG, and whether it is see-through anywhere; left out where the surface has no texture coordinates.
     pub texture: Option<(&'a [u8], bool)>,
     /// True for `.glb`, false for `.gltf` with its bytes inside.
     pub binary: bool,
@@ -143,6 +143,7 @@ const INDICES: Option<u32> = Some(34963);
 /// # Errors
 /// Where there is nothing to see, a number is not finite as f32, the parts do not go together, or the file would be too large.
 pub fn write(export: &Export) -> Result<Vec<u8>, GltfError> {
+    let export = &Export { texture: export.texture.filter(|_| !export.surface.uvs.is_empty()), ..*export };
     let surface = &export.surface;
     if surface.positions.is_empty() || surface.triangles.is_empty() {
         return Err(malformed("mesh", "expected triangles, found none"));
@@ -157,10 +158,9 @@ pub fn write(export: &Export) -> Result<Vec<u8>, GltfError> {
         let bound = Bound::new(skin, surface.positions.len())?;
         bound.attributes(&mut attributes, &mut out)?;
         (nodes, top) = bound.nodes();
-        let joints: Vec<usize> = (0..bound.n_joints()).collect();
         let matrices: Vec<f64> = bound.inverse_bind.iter().flat_map(|m| m.as_slice().to_vec()).collect();
         let matrices = out.floats(&matrices, 16, None, false, "inverse_bind")?;
-        root["skins"] = json!([{ "joints": joints, "inverseBindMatrices": matrices }]);
+        root["skins"] = json!([{ "joints": bound.nodes_of_columns, "inverseBindMatrices": matrices }]);
         mesh_node["skin"] = 0.into();
     }
     let mesh_index = nodes.len();
@@ -250,6 +250,8 @@ fn material(export: &Export) -> Json {
 /// A skin as the format wants it: weights that add up to 1, each joint of a vertex once, and one root.
 struct Bound<'a> {
     skin: &'a Skin<'a>,
+    /// The node of each column of the skin.
+    nodes_of_columns: Vec<usize>,
     inverse_bind: Vec<Matrix4<f64>>,
     /// Sets of four a vertex.
     sets: usize,
@@ -276,26 +278,28 @@ impl<'a> Bound<'a> {
         if has_unmoved {
             merged.iter_mut().filter(|m| m.is_empty()).for_each(|m| m.push((j as u32, 1.0)));
         }
+        let columns = columns(skin, &merged)?;
+        let mut places = vec![columns.len(); j + 1];
+        columns.iter().enumerate().for_each(|(place, (joint, _))| places[*joint] = place);
         let most = merged.iter().map(Vec::len).max().unwrap_or(1);
         let sets = most.div_ceil(4).max(1);
         let (mut joints, mut weights) = (Vec::new(), Vec::new());
         for (v, own) in merged.iter().enumerate() {
             for (joint, weight) in own {
-                let narrow = u16::try_from(*joint).map_err(|_| malformed("skeleton", "expected at most 65536 joints, found more"))?;
-                joints.push(narrow);
+                let column = places.get(*joint as usize).copied().unwrap_or(columns.len());
+                joints.push(u16::try_from(column).map_err(|_| malformed("skeleton", "expected at most 65536 joints, found more"))?);
                 weights.push(*weight);
             }
             joints.resize((v + 1) * sets * 4, 0);
             weights.resize((v + 1) * sets * 4, 0.0);
         }
-        let mut inverse_bind = skin.inverse_bind.to_vec();
+        let (mut nodes_of_columns, mut inverse_bind): (Vec<usize>, Vec<Matrix4<f64>>) = columns.into_iter().unzip();
         inverse_bind.iter_mut().for_each(|m| m.set_row(3, &nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)));
-        inverse_bind.extend(has_unmoved.then(Matrix4::identity));
-        Ok(Self { skin, inverse_bind, sets, joints, weights, has_unmoved })
-    }
-
-    fn n_joints(&self) -> usize {
-        self.inverse_bind.len()
+        if has_unmoved {
+            nodes_of_columns.push(j);
+            inverse_bind.push(Matrix4::identity());
+        }
+        Ok(Self { skin, nodes_of_columns, inverse_bind, sets, joints, weights, has_unmoved })
     }
 
     fn attributes(&self, attributes: &mut Map<String, Json>, out: &mut Bytes) -> Result<(), GltfError> {
@@ -340,6 +344,27 @@ impl<'a> Bound<'a> {
         }
         (nodes, roots)
     }
+}
+
+/// The joints that a skin lists, and how each is bound: those that move something, those that are bound at all, and what hangs on either. What is above
+/// them, as an armature that is scaled as a whole, stays a plain node: programs take bones to stand where their inverse bind matrices say.
+fn columns(skin: &Skin, merged: &[Vec<(u32, f64)>]) -> Result<Vec<(usize, Matrix4<f64>)>, GltfError> {
+    let j = skin.parents.len();
+    let mut moves = vec![false; j];
+    for (joint, _) in merged.iter().flatten() {
+        // What nothing moves has a joint past the end.
+        if let Some(moves) = moves.get_mut(*joint as usize) {
+            *moves = true;
+        }
+    }
+    let mut bound: Vec<Option<Matrix4<f64>>> =
+        (0..j).map(|i| (moves[i] || skin.inverse_bind[i] != Matrix4::identity()).then(|| skin.inverse_bind[i])).collect();
+    for i in order(skin.parents).map_err(|e| malformed("skeleton", e.to_string()))? {
+        if let (None, Some(parent)) = (bound[i], usize::try_from(skin.parents[i]).ok().and_then(|p| bound[p])) {
+            bound[i] = skin.rest[i].matrix().try_inverse().map(|own| own * parent);
+        }
+    }
+    Ok(bound.into_iter().enumerate().filter_map(|(i, m)| m.map(|m| (i, m))).collect())
 }
 
 /// Joints of a vertex, each once, the weightiest first; weights add up to 1. None where nothing moves it.
@@ -413,7 +438,8 @@ fn paths(poses: &[Vec<Joint>], joint: usize, rest: &Joint) -> Vec<(&'static str,
         ("scale", scales, rest.scale.as_slice()),
     ];
     for (path, values, still) in lists {
-        if values.chunks_exact(still.len()).any(|v| v != still) {
+        // A rest pose that went through a matrix is off by some last bits.
+        if values.chunks_exact(still.len()).flatten().zip(still.iter().cycle()).any(|(v, s)| (v - s).abs() > 1e-9 * s.abs().max(1e-3)) {
             found.push((path, still.len(), values));
         }
     }

@@ -1,0 +1,170 @@
+//! Feet that stand.
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix4, UnitQuaternion, Vector3};
+use pegbar_engine::node::{Arg, Cancel, Context, In, Input, NodeError, Sequence, SequenceRef, Whole};
+use pegbar_engine::setting::{Setting, SettingError};
+use pegbar_engine::value::{Value, ValueRef};
+
+use super::pin::Method;
+use super::*;
+use crate::algo::skeleton::{Joint, world_from_joint};
+use crate::counted::clock;
+use crate::data::{Mesh, Pose, Skeleton, SkinnedMesh};
+
+const FRAMES: usize = 24;
+
+fn sequence<T: Value>(values: Vec<T>) -> Sequence<T> {
+    let clock = Arc::new(clock(values.len()));
+    let values: Vec<ValueRef> = values.into_iter().map(|v| Arc::new(v) as ValueRef).collect();
+    Sequence::from_arg(Arg::Sequence(SequenceRef::new(Some(clock), values))).unwrap()
+}
+
+fn run<N: Whole>(node: N) -> Result<N::Outputs, NodeError> {
+    let clock = clock(FRAMES);
+    node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() })
+}
+
+/// A body with one leg: hip, knee, and foot, each half a metre below the one before; the body a metre up.
+fn leg() -> Skeleton {
+    let up = |y: f64| Matrix4::new_translation(&Vector3::new(0.0, y, 0.0));
+    let names = ["body", "hip", "knee", "foot"].map(str::to_owned).to_vec();
+    Skeleton::new(vec![-1, 0, 1, 2], &[up(1.2), up(-0.2), up(-0.5), up(-0.5)], names).unwrap()
+}
+
+/// It glides to the right and sinks, its knee bent.
+fn glide() -> Vec<Pose> {
+    let joint = |y: f64, angle: f64| Joint {
+        translation: Vector3::new(0.0, y, 0.0),
+        rotation: UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle),
+        scale: Vector3::repeat(1.0),
+    };
+    let frame = |k: usize| {
+        let mut joints = [joint(1.2, 0.0), joint(-0.2, -0.4), joint(-0.5, 0.8), joint(-0.5, -0.2)];
+        joints[0].translation += Vector3::new(0.02 * k as f64, -0.01 * k as f64, 0.0);
+        joints.into_iter().collect()
+    };
+    (0..FRAMES).map(frame).collect()
+}
+
+fn places(pose: &Pose) -> Vec<Vector3<f64>> {
+    let local: Vec<_> = pose.joints().unwrap().iter().map(Joint::matrix).collect();
+    world_from_joint(&leg().parents, &local).unwrap().iter().map(|m| m.fixed_view::<3, 1>(0, 3).into_owned()).collect()
+}
+
+fn parsed(pins: &str) -> Result<Pins, SettingError> {
+    <Pins as Setting>::parse(pins)
+}
+
+fn pin(pins: &str, method: Method) -> PosePin {
+    PosePin {
+        skeleton: In::new(leg()),
+        pose: sequence(glide()),
+        mesh: None,
+        pins: parsed(pins).unwrap(),
+        method,
+        ground: None,
+        soften: 0,
+        blend: None,
+    }
+}
+
+const FOOT: usize = 3;
+
+#[test]
+fn a_foot_stands_while_it_is_pinned_and_the_figure_goes_with_it() {
+    let out =
+        run(pin(r#"[(frames: (5, 12), joint: "foot"), (frames: (18, 20), joint: "foot", at: (0.5, 0.0, 0.1))]"#, Method::Shift)).unwrap();
+    let before: Vec<_> = glide().iter().map(places).collect();
+    let after: Vec<_> = out.pose.0.iter().map(places).collect();
+    (4..12).for_each(|k| assert!((after[k][FOOT] - before[4][FOOT]).norm() < 1e-12));
+    (17..20).for_each(|k| assert!((after[k][FOOT] - Vector3::new(0.5, 0.0, 0.1)).norm() < 1e-12));
+    assert!(out.error.0.iter().all(|e| e.value < 1e-12));
+    // All joints are shifted alike, and no frame jumps.
+    for k in 0..FRAMES {
+        let by = after[k][0] - before[k][0];
+        assert!((0..4).all(|j| (after[k][j] - before[k][j] - by).norm() < 1e-12));
+    }
+    // Half a metre in six frames, at most twice as fast in the middle as on the mean.
+    let fastest = after.windows(2).map(|w| (w[1][0] - w[0][0]).norm()).fold(0.0, f64::max);
+    assert!(fastest < 0.2, "{fastest}");
+}
+
+#[test]
+fn a_leg_bends_to_where_its_foot_is_pinned_and_the_body_goes_on() {
+    let out = run(pin(r#"[(frames: (8, 14), joint: "foot", at: (0.15, 0.3, 0.05))]"#, Method::TwoBone)).unwrap();
+    let before: Vec<_> = glide().iter().map(places).collect();
+    for (k, pose) in out.pose.0.iter().enumerate() {
+        let (now, was) = (places(pose), &before[k]);
+        assert!((now[1] - was[1]).norm() < 1e-12, "the hip goes on");
+        let lengths = [(now[2] - now[1]).norm(), (now[3] - now[2]).norm()];
+        assert!(lengths.iter().all(|l| (l - 0.5).abs() < 1e-12), "{lengths:?}");
+        if (7..14).contains(&k) {
+            assert!((now[FOOT] - Vector3::new(0.15, 0.3, 0.05)).norm() < 1e-9, "{k}: {}", now[FOOT]);
+        }
+        // The foot keeps its own direction.
+        let own = |p: &Pose| (0..4).map(|j| p.joint(j).unwrap().rotation).fold(UnitQuaternion::identity(), |a, b| a * b);
+        assert!(own(pose).angle_to(&own(&glide()[k])) < 1e-9);
+    }
+    // It comes and goes over four frames, and leaves the rest as it was, bit by bit.
+    assert_eq!((&out.pose.0[2], &out.pose.0[18]), (&glide()[2], &glide()[18]));
+    assert!(out.error.0.iter().all(|e| e.value < 1e-9));
+    let far = run(pin(r#"[(frames: (8, 8), joint: "foot", at: (5, 0, 0))]"#, Method::TwoBone)).unwrap();
+    assert!(far.error.0[7].value > 3.0, "out of reach is told");
+}
+
+#[test]
+fn no_joint_and_no_vertex_goes_below_the_ground() {
+    let lowest = |out: &pin::PosePinOutputs| out.pose.0.iter().flat_map(places).map(|p| p.y).fold(f64::INFINITY, f64::min);
+    for soften in [0, 3] {
+        let out = run(PosePin { ground: Some(0.0), soften, ..pin("[]", Method::Shift) }).unwrap();
+        assert!(lowest(&out) > -1e-12 && lowest(&out) < 1e-9, "{}", lowest(&out));
+        assert_eq!(out.pose.0[0], glide()[0], "what is above stays");
+    }
+    // A sole 0.1 below the foot's joint.
+    let sole = Mesh { positions: vec![[0.0, -0.1, 0.0]], ..Mesh::default() };
+    let inverse: Vec<Matrix4<f64>> = [1.2, 1.0, 0.5, 0.0].map(|y: f64| Matrix4::new_translation(&Vector3::new(0.0, -y, 0.0))).to_vec();
+    let mesh = || SkinnedMesh::new(sole.clone(), 1, vec![3], vec![1.0], &inverse).unwrap();
+    let out = run(PosePin { ground: Some(0.0), mesh: Some(In::new(mesh())), ..pin("[]", Method::Shift) }).unwrap();
+    let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.2) * Vector3::new(0.0, -0.1, 0.0);
+    let heel = out.pose.0.iter().map(|p| places(p)[FOOT].y + down.y).fold(f64::INFINITY, f64::min);
+    assert!(heel.abs() < 1e-9, "{heel}");
+    let out = run(PosePin { mesh: Some(In::new(mesh())), ..pin("[(frames: (1, 24), vertex: 0, at: (0, 0, 0))]", Method::Shift) }).unwrap();
+    assert!(out.pose.0.iter().all(|p| (places(p)[FOOT] + down).norm() < 1e-9));
+}
+
+#[test]
+fn pins_that_name_what_there_is_not_are_refused() {
+    let refused = |pins: &str, method| run(pin(pins, method)).map(|_| ()).unwrap_err().message;
+    assert_eq!(refused(r#"[(frames: (1, 2), joint: "toe")]"#, Method::Shift), "pins: expected a joint of the skeleton, found \"toe\"");
+    assert_eq!(refused(r#"[(frames: (1, 99), joint: "foot")]"#, Method::Shift), "pins: expected frames of the motion, 1 to 24, found 99");
+    assert_eq!(refused("[(frames: (1, 2), vertex: 0)]", Method::Shift), "pins: expected `mesh` where a vertex is pinned, found none");
+    let message = refused(r#"[(frames: (1, 2), joint: "hip", at: (0, 0, 0))]"#, Method::TwoBone);
+    assert_eq!(message, "pins: expected a joint with two above it for `two_bone`, found \"hip\"");
+    let problems = parsed(r#"[(frames: (2, 1), joint: "a"), (frames: (1, 2)), (frames: (1, 2), joint: "a")]"#).unwrap().problems();
+    assert_eq!(problems.len(), 2);
+    assert!(parsed("[(frame: (1, 2))]").is_err());
+}
+
+#[test]
+fn a_mesh_stands_on_its_vertex_and_on_the_ground() {
+    let mesh =
+        |k: usize| Mesh { positions: vec![[0.02 * k as f64, 0.1 - 0.01 * k as f64, 0.0], [0.02 * k as f64, 1.0, 0.0]], ..Mesh::default() };
+    let node = |pins: &str, ground| MeshPin {
+        mesh: sequence((0..FRAMES).map(mesh).collect()),
+        pins: parsed(pins).unwrap(),
+        ground,
+        soften: 0,
+        blend: Some(2.0),
+    };
+    let out = run(node("[(frames: (10, 14), vertex: 0)]", None)).unwrap();
+    let at = |k: usize| Vector3::from(out.mesh.0[k].positions[0]);
+    (9..14).for_each(|k| assert!((at(k) - Vector3::from(mesh(9).positions[0])).norm() < 1e-12));
+    assert_eq!((&out.mesh.0[5], &out.mesh.0[18]), (&mesh(5), &mesh(18)));
+    let out = run(node("[]", Some(0.0))).unwrap();
+    let lowest = out.mesh.0.iter().flat_map(|m| &m.positions).map(|p| p[1]).fold(f64::INFINITY, f64::min);
+    assert!(lowest.abs() < 1e-12 && out.mesh.0[3] == mesh(3));
+    let error = run(node("[(frames: (1, 2), vertex: 7)]", None)).map(|_| ()).unwrap_err().message;
+    assert_eq!(error, "frame 0 from the first: expected a vertex 7 at a finite place, found none of 2");
+}
