@@ -2,6 +2,7 @@
 
 pub mod algo;
 mod capture;
+mod camera;
 mod cel;
 mod comp;
 #[cfg(test)]

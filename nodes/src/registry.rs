@@ -8,6 +8,10 @@ use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Basis, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Matte, Shape, Weights};
 use crate::drawing::DrawingMerge;
 use crate::data::{Affine2, Image, KeyShapes, Matte, Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, Weights};
+use crate::camera::{CameraOrthographic, CameraPerspective};
+use crate::cel::{CelArt, CelReference, CelScene};
+use crate::comp::{CompMask, CompMerge, CompOver};
+use crate::data::{Affine2, Camera, Image, KeyShapes, Matte, Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, Weights};
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
     ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
@@ -48,6 +52,7 @@ fn types(registry: Registry) -> Registry {
     registry
         .value::<Affine2>()
         .value::<Basis>()
+        .value::<Camera>()
         .value::<Image>()
         .value::<KeyImages>()
         .value::<Drawing>()
@@ -67,6 +72,8 @@ fn types(registry: Registry) -> Registry {
 fn nodes(registry: Registry) -> Registry {
     registry
         .whole::<CaptureContour>()
+        .per_frame::<CameraOrthographic>()
+        .per_frame::<CameraPerspective>()
         .per_frame::<CelArt>()
         .per_frame::<CelReference>()
         .per_frame::<CelScene>()

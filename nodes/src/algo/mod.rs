@@ -2,6 +2,7 @@
 
 pub mod arap;
 pub mod capture_contour;
+pub mod camera;
 pub mod cel;
 pub mod choose_keys;
 pub mod codec;

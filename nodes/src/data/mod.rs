@@ -3,6 +3,7 @@
 mod affine;
 mod basis;
 mod drawing;
+mod camera;
 mod image;
 mod key_images;
 mod matte;
@@ -14,6 +15,7 @@ mod weights;
 pub use affine::Affine2;
 pub use basis::{Basis, BasisKind};
 pub use drawing::{Contour, Drawing, KeyDrawings};
+pub use camera::Camera;
 pub use image::Image;
 pub(crate) use image::LARGEST;
 pub use key_images::KeyImages;

@@ -101,6 +101,16 @@ impl Kind {
         if let Some((_, Array { data: Data::I64(parents), .. })) = parts.arrays.iter_mut().find(|(name, _)| name == "parents") {
             parents.iter_mut().zip(-1..).for_each(|(p, before)| *p = before);
         }
+        // Any numbers make no camera; these see what lies before the origin.
+        if ty.schema.name == "Camera" && matches!(self, Kind::Ordinary | Kind::Other) {
+            for (_, array) in &mut parts.arrays {
+                match &mut array.data {
+                    Data::F64(m) => m[12..].copy_from_slice(&[0.0, 0.0, 0.0, 1.0]),
+                    Data::I64(size) => *size = vec![12, 9],
+                    _ => {}
+                }
+            }
+        }
         let windows = match self {
             Kind::Shifted => Some(([-3, 4, 9, 13], [0, 0, 12, 9])),
             Kind::Vast => Some(([0, 0, 12, 9], [-1_000_000, -1_000_000, 1_000_000, 1_000_000])),
