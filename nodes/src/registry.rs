@@ -39,6 +39,7 @@ use crate::render::{RenderDrawings, RenderShapes, RenderStrip};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetShapes};
 use crate::retarget::{RetargetJointAngles, RetargetMeshes};
 use crate::skin::SkinLinearBlend;
+use crate::render::{RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
 
@@ -127,6 +128,10 @@ fn nodes(registry: Registry) -> Registry {
         .recurrent::<RetargetDrawings>()
         .recurrent::<RetargetImage>()
         .recurrent::<RetargetShapes>()
+        .per_frame::<RenderShadow>()
+        .per_frame::<RenderShapes>()
+        .whole::<RenderStrip>()
+        .per_frame::<RenderToon>()
         .per_frame::<RetimeApply>()
         .per_frame::<ShapeFitAffine>()
         .recurrent::<ShapeResample>()

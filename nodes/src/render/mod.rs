@@ -1,14 +1,19 @@
 //! Drawings of results: contours and grids on footage, sheets of frames.
 
 mod drawings;
+mod scene;
+mod shadow;
 mod shapes;
 mod strip;
 #[cfg(test)]
 pub(crate) mod tests;
+mod toon;
 
 pub(crate) use drawings::RenderDrawings;
+pub(crate) use shadow::RenderShadow;
 pub(crate) use shapes::RenderShapes;
 pub(crate) use strip::RenderStrip;
+pub(crate) use toon::RenderToon;
 
 use pegbar_engine::Outputs;
 use pegbar_engine::node::{Fault, NodeError};

@@ -1,0 +1,220 @@
+//! A band of rows: depth, colours, close looks, coverage.
+
+use kurbo::Point;
+
+use super::Area;
+use super::outline::{path, touched};
+use super::shade::{Shaded, Shader};
+use crate::algo::paint::{FillRule, fill_rows};
+use crate::algo::zbuffer::{Close, NONE, OFFSETS, Rows, SAMPLES, depth_of, draw_close};
+
+/// What is the same for all bands.
+pub(super) struct Band<'a> {
+    pub(super) shader: Shader<'a>,
+    pub(super) loops: &'a [Vec<Point>],
+    pub(super) area: Area,
+    pub(super) reference: f64,
+    pub(super) antialias: bool,
+}
+
+/// The rows of the results that a band writes; `near` is as wide as the area, the others as the picture.
+pub(super) struct Out<'a> {
+    pub(super) near: &'a mut [f32],
+    pub(super) image: &'a mut [f32],
+    pub(super) depth: &'a mut [f32],
+    pub(super) id: &'a mut [f32],
+    pub(super) width: usize,
+}
+
+/// The rows of a band and one more at both its sides, whose colours the close looks depend on.
+struct Look {
+    /// First row of the picture, and how many there are.
+    top: usize,
+    rows: usize,
+    /// Those of them that are not the band's own.
+    above: usize,
+    near: Vec<f32>,
+    id: Vec<u32>,
+    colour: Vec<[f32; 3]>,
+    /// Where each pixel's close look stands, or [`NONE`].
+    slot: Vec<u32>,
+    close: Vec<Close>,
+}
+
+impl Band<'_> {
+    /// Draws the band that starts `top` rows below the area's own top.
+    pub(super) fn draw(&self, top: usize, out: Out<'_>) {
+        let width = self.area.width;
+        let own = out.near.len() / width;
+        let above = usize::from(top > 0 && self.antialias);
+        let below = usize::from(top + own < self.area.height && self.antialias);
+        let rows = own + above + below;
+        let n = rows * width;
+        let mut look = Look {
+            top: self.area.origin[1] + top - above,
+            rows,
+            above,
+            near: vec![f32::NEG_INFINITY; n],
+            id: vec![NONE; n],
+            colour: vec![[0.0; 3]; n],
+            slot: Vec::new(),
+            close: Vec::new(),
+        };
+        self.rows(&mut look).draw(&self.shader.projected.triangles);
+        self.colour(&mut look);
+        let mut cover = Vec::new();
+        if self.antialias {
+            self.look_closely(&mut look);
+            cover = self.cover(&look, own);
+        }
+        out.near.copy_from_slice(&look.near[above * width..][..own * width]);
+        self.write(&look, &cover, out);
+    }
+
+    fn rows<'b>(&self, look: &'b mut Look) -> Rows<'b> {
+        Rows {
+            origin: [self.area.origin[0], look.top],
+            width: self.area.width,
+            near: &mut look.near,
+            id: &mut look.id,
+            reference: self.reference,
+        }
+    }
+
+    /// The colour at each pixel's centre.
+    fn colour(&self, look: &mut Look) {
+        let mut shaded: Option<Shaded> = None;
+        for (i, (&id, colour)) in look.id.iter().zip(&mut look.colour).enumerate().filter(|(_, (id, _))| **id != NONE) {
+            let (x, y) = (i % self.area.width + self.area.origin[0], i / self.area.width + look.top);
+            let ready = self.shader.prepare(id, shaded);
+            *colour = self.shader.colour(&ready, x as f64 + 0.5, y as f64 + 0.5);
+            shaded = Some(ready);
+        }
+    }
+
+    /// Samples the pixels where colours meet, and those at the outline.
+    fn look_closely(&self, look: &mut Look) {
+        let width = self.area.width;
+        let mut wanted = vec![false; look.near.len()];
+        let differ = |a: usize, b: usize| {
+            (look.id[a] == NONE) != (look.id[b] == NONE) || (0..3).any(|k| (look.colour[a][k] - look.colour[b][k]).abs() > 1.0 / 64.0)
+        };
+        for i in 0..look.near.len() {
+            if (i + 1) % width != 0 && differ(i, i + 1) {
+                (wanted[i], wanted[i + 1]) = (true, true);
+            }
+            if i + width < look.near.len() && differ(i, i + width) {
+                (wanted[i], wanted[i + width]) = (true, true);
+            }
+        }
+        let left = self.area.origin[0] as f64;
+        for line in self.loops {
+            for (i, &a) in line.iter().enumerate() {
+                touched(a, line[(i + 1) % line.len()], look.top, look.rows, |y, x0, x1| {
+                    let row = (y - look.top) * width;
+                    let (low, high) = ((x0 - left).max(0.0) as usize, ((x1 - left + 1.0).max(0.0) as usize).min(width));
+                    (low..high).for_each(|x| wanted[row + x] = true);
+                });
+            }
+        }
+        let mut count = 0;
+        look.slot = wanted
+            .iter()
+            .map(|&w| {
+                if w {
+                    count += 1;
+                    count - 1
+                } else {
+                    NONE
+                }
+            })
+            .collect();
+        look.close = vec![Close::default(); count as usize];
+        let slot = std::mem::take(&mut look.slot);
+        let mut close = std::mem::take(&mut look.close);
+        draw_close(&self.rows(look), &slot, &mut close, &self.shader.projected.triangles);
+        (look.slot, look.close) = (slot, close);
+    }
+
+    /// The covered part of the band's own pixels.
+    fn cover(&self, look: &Look, own: usize) -> Vec<f32> {
+        let width = self.area.width;
+        let mut cover = vec![0.0; own * width];
+        let origin = [self.area.origin[0], look.top + look.above];
+        let near: Vec<Vec<Point>> = self.loops.iter().filter(|l| reaches(l, origin[1], own)).cloned().collect();
+        fill_rows(&path(&near, origin), FillRule::NonZero, width, own, |y, x0, row| {
+            cover[y * width + x0..][..row.len()].copy_from_slice(row);
+        });
+        cover
+    }
+
+    fn write(&self, look: &Look, cover: &[f32], out: Out<'_>) {
+        let width = self.area.width;
+        let mut shaded: Option<Shaded> = None;
+        for i in look.above * width..look.above * width + out.near.len() {
+            let (x, y) = (i % width, i / width - look.above);
+            let slot = look.slot.get(i).copied().unwrap_or(NONE);
+            let (id, near, colour) = match look.close.get(slot as usize) {
+                None => (look.id[i], look.near[i], look.colour[i]),
+                Some(close) => {
+                    let at = [x + self.area.origin[0], i / width + look.top];
+                    let (colour, ready) = self.mean(close, at, shaded.take());
+                    shaded = ready;
+                    let (id, near) = nearest(close, look.id[i], look.near[i]);
+                    (id, near, colour)
+                }
+            };
+            let alpha = match cover.get(i - look.above * width) {
+                Some(&part) => part,
+                None => f32::from(u8::from(id != NONE)),
+            };
+            if id == NONE || alpha <= 0.0 {
+                continue;
+            }
+            let at = y * out.width + self.area.origin[0] + x;
+            let [r, g, b] = colour.map(|c| c * alpha);
+            out.image[4 * at..4 * at + 4].copy_from_slice(&[r, g, b, alpha]);
+            let source = self.shader.projected.triangles[id as usize].source;
+            if near > f32::NEG_INFINITY {
+                out.depth[at] = depth_of(f64::from(near) + self.reference, self.shader.orthographic) as f32;
+            }
+            out.id[at] = (self.shader.surface.part[source as usize] + 1) as f32;
+        }
+    }
+
+    /// The mean colour of the samples of a pixel that something covers; of a sliver that no sample meets, its own.
+    fn mean(&self, close: &Close, pixel: [usize; 2], mut shaded: Option<Shaded>) -> ([f32; 3], Option<Shaded>) {
+        let [x, y] = pixel.map(|v| v as f64);
+        let (mut sum, mut count) = ([0.0_f32; 3], 0.0_f32);
+        let mut add = |id: u32, dx: f64, dy: f64| {
+            let ready = self.shader.prepare(id, shaded.take());
+            let colour = self.shader.colour(&ready, x + dx, y + dy);
+            sum = std::array::from_fn(|k| sum[k] + colour[k]);
+            count += 1.0;
+            shaded = Some(ready);
+        };
+        for s in (0..SAMPLES).filter(|&s| close.id[s] != NONE) {
+            add(close.id[s], OFFSETS[s][0], OFFSETS[s][1]);
+        }
+        if close.id == [NONE; SAMPLES] && close.touching != NONE {
+            add(close.touching, 0.5, 0.5);
+        }
+        (sum.map(|v| v / count.max(1.0)), shaded)
+    }
+}
+
+/// True where a closed line may touch so many rows from `top` on.
+fn reaches(line: &[Point], top: usize, rows: usize) -> bool {
+    let [low, high] = line.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], p| [a.min(p.y), b.max(p.y)]);
+    high >= top as f64 && low <= (top + rows) as f64
+}
+
+/// What stands for a pixel: what its centre sees, or the nearest of its samples, or what touches it.
+fn nearest(close: &Close, id: u32, near: f32) -> (u32, f32) {
+    if id != NONE {
+        return (id, near);
+    }
+    let seen = (0..SAMPLES).filter(|&s| close.id[s] != NONE);
+    let first = seen.fold(None, |best: Option<usize>, s| if best.is_some_and(|b| close.near[b] >= close.near[s]) { best } else { Some(s) });
+    first.map_or((close.touching, f32::NEG_INFINITY), |s| (close.id[s], close.near[s]))
+}

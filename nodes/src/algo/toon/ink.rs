@@ -1,0 +1,359 @@
+//! Ink lines: chains on the screen, cut where something hides them, drawn with a pen of changing width.
+
+use kurbo::{BezPath, Point, Shape as _};
+use nalgebra::Vector4;
+
+use super::{Area, Light, on_threads, rows_of};
+use crate::algo::camera::Camera;
+use crate::algo::paint::{FillRule, fill_rows, ink_widths};
+use crate::algo::silhouette::{Chain, EdgePoint, Kind};
+use crate::algo::surface::Surface;
+use crate::algo::zbuffer::depth_of;
+
+/// Between two samples of a line, pixels.
+const STEP: f64 = 1.0;
+
+/// Gaps shorter than this many pixels, and pieces shorter than so many widths of the pen, are noise of the depth buffer.
+const NOISE: f64 = 4.0;
+
+/// Longer chains than this many samples are cut short: a point next to the eye may be a million pixels away.
+const MOST: usize = 1 << 16;
+
+/// How lines are drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pen {
+    /// Width of silhouettes and borders, pixels.
+    pub outline: f64,
+    /// Width of creases and seams, pixels.
+    pub inner: f64,
+    /// Over how many pixels a line that ends of itself thins out to nothing.
+    pub taper: f64,
+    /// How much lines thin out with distance: width × (depth of the middle / depth)^this. 0 not at all, 1 as perspective has it.
+    pub thin_far: f64,
+    /// How much wider lines are where the surface faces away from the light: 1 doubles them.
+    pub weight: f64,
+    /// Linear, premultiplied.
+    pub colour: [f32; 4],
+}
+
+/// The depth buffer that hides lines.
+pub(super) struct Depths<'a> {
+    pub(super) near: &'a [f32],
+    pub(super) reference: f64,
+    pub(super) area: Area,
+}
+
+/// A line ready to be filled by the non-zero rule, and the rows that it touches.
+pub(super) struct Stroke {
+    path: BezPath,
+    rows: [f64; 2],
+}
+
+/// A place along a chain on the screen.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    at: Point,
+    /// Nearness.
+    near: f64,
+    /// Width that the pen has there.
+    width: f64,
+    /// True where the chain turns, so that this place must not be smoothed away.
+    corner: bool,
+    seen: Seen,
+}
+
+/// What the depth buffer says of a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Seen {
+    Yes,
+    /// By the surface that it is on: it turns away there.
+    Turned,
+    /// By something well before it.
+    Covered,
+}
+
+impl Depths<'_> {
+    /// Nearness of a pixel; of one outside, that of nothing.
+    fn at(&self, x: i64, y: i64) -> f64 {
+        let (x, y) = (x - self.area.origin[0] as i64, y - self.area.origin[1] as i64);
+        if x < 0 || y < 0 || x >= self.area.width as i64 || y >= self.area.height as i64 {
+            return f64::NEG_INFINITY;
+        }
+        f64::from(self.near[y as usize * self.area.width + x as usize]) + self.reference
+    }
+
+    /// A line lies where depths jump: it is seen where any of the nine pixels around it is not before it.
+    fn seen(&self, s: &Sample, slack: f64, far_slack: f64) -> Seen {
+        let (x, y) = (s.at.x.floor() as i64, s.at.y.floor() as i64);
+        let around = (-1..=1).flat_map(|j| (-1..=1).map(move |i| (i, j)));
+        let least = around.map(|(i, j)| self.at(x + i, y + j)).fold(f64::INFINITY, f64::min);
+        let near = s.near;
+        match least - near {
+            d if d <= slack => Seen::Yes,
+            d if d <= far_slack => Seen::Turned,
+            _ => Seen::Covered,
+        }
+    }
+}
+
+/// All that does not change from chain to chain.
+struct Plotter<'a> {
+    camera: &'a Camera,
+    depths: &'a Depths<'a>,
+    pen: &'a Pen,
+    light: &'a Light,
+    matrix: nalgebra::Matrix4<f64>,
+    depth: [f64; 2],
+    orthographic: bool,
+    /// A thousandth of the surface's extent, and its depth in the middle.
+    small: f64,
+    middle: f64,
+}
+
+/// The visible parts of chains as strokes, in their order.
+pub(super) fn strokes(chains: &[Chain], surface: &Surface, camera: &Camera, depths: &Depths<'_>, pen: &Pen, light: &Light) -> Vec<Stroke> {
+    let ends = surface.positions.iter().fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |[low, high], p| {
+        [[0, 1, 2].map(|k| low[k].min(p[k])), [0, 1, 2].map(|k| high[k].max(p[k]))]
+    });
+    let extent = [0, 1, 2].map(|k| ends[1][k] - ends[0][k]).into_iter().fold(0.0, f64::max);
+    let middle = camera.project([0, 1, 2].map(|k| (ends[0][k] + ends[1][k]) / 2.0))[2];
+    let plotter = Plotter {
+        camera,
+        depths,
+        pen,
+        light,
+        matrix: camera.clip_from_world(),
+        depth: camera.depth_of_clip(),
+        orthographic: camera.is_orthographic(),
+        small: extent * 1e-3,
+        middle: middle.max(extent * 1e-3),
+    };
+    let mut out = Vec::new();
+    for chain in chains {
+        plotter.plot(chain, &mut out);
+    }
+    out
+}
+
+impl Plotter<'_> {
+    /// A point of a chain on the screen; `None` behind the near plane.
+    fn place(&self, point: &EdgePoint, kind: Kind) -> Option<Sample> {
+        let p = point.smooth;
+        let clip = self.matrix * Vector4::new(p.x, p.y, p.z, 1.0);
+        if clip.w <= 0.0 || clip.z < -clip.w {
+            return None;
+        }
+        let [a, b] = self.depth;
+        let near = if self.orthographic { -(a * clip.z + b) } else { 1.0 / (a * clip.w + b) };
+        let [x, y] = self.camera.pixel(&clip);
+        let far = libm::pow(self.middle / depth_of(near, self.orthographic).max(self.small), self.pen.thin_far).clamp(0.1, 10.0);
+        let dark = 1.0 + self.pen.weight * (0.5 - 0.5 * point.normal.dot(&self.light.direction));
+        let base = if matches!(kind, Kind::Silhouette | Kind::Border) { self.pen.outline } else { self.pen.inner };
+        Some(Sample { at: Point::new(x, y), near, width: base * far * dark, corner: false, seen: Seen::Yes })
+    }
+
+    /// Adds the strokes of a chain.
+    fn plot(&self, chain: &Chain, out: &mut Vec<Stroke>) {
+        let places: Vec<Option<Sample>> = chain.points.iter().map(|p| self.place(p, chain.kind)).collect();
+        let whole = chain.closed && places.iter().all(Option::is_some);
+        for run in places.split(Option::is_none).filter(|r| r.len() > 1) {
+            let mut line: Vec<Sample> = run.iter().copied().flatten().collect();
+            if whole {
+                line.extend(line.first().copied());
+            }
+            mark_corners(&mut line, whole);
+            let mut dense = self.dense(&line);
+            self.look(&mut dense, chain.kind);
+            self.cut(dense, whole, chain.kind, out);
+        }
+    }
+
+    /// Samples a pixel apart, as far as they may be in the picture.
+    fn dense(&self, line: &[Sample]) -> Vec<Sample> {
+        let margin = 4.0 * self.pen.outline.max(self.pen.inner) + 16.0;
+        let [w, h] = self.camera.size.map(|n| n as f64 + margin);
+        let outside = |a: Point, b: Point| a.x.max(b.x) < -margin || a.x.min(b.x) > w || a.y.max(b.y) < -margin || a.y.min(b.y) > h;
+        let mut out: Vec<Sample> = line.first().copied().into_iter().collect();
+        for pair in line.windows(2) {
+            let length = pair[0].at.distance(pair[1].at);
+            let steps = if outside(pair[0].at, pair[1].at) { 1 } else { (length / STEP).ceil().clamp(1.0, 4096.0) as usize };
+            for k in 1..=steps.min(MOST.saturating_sub(out.len())) {
+                let t = k as f64 / steps as f64;
+                let mix = |a: f64, b: f64| a + (b - a) * t;
+                out.push(Sample {
+                    at: pair[0].at.lerp(pair[1].at, t),
+                    near: mix(pair[0].near, pair[1].near),
+                    width: mix(pair[0].width, pair[1].width),
+                    corner: k == steps && pair[1].corner,
+                    seen: Seen::Yes,
+                });
+            }
+        }
+        out
+    }
+
+    /// Asks the depth buffer about each sample.
+    fn look(&self, line: &mut [Sample], kind: Kind) {
+        // A silhouette may lie a little behind the mesh that hides its smooth surface; the others lie on it.
+        let slack = if kind == Kind::Silhouette { 5.0 } else { 3.0 };
+        for s in line.iter_mut() {
+            // Nearness changes with the square of itself as depth does in perspective.
+            let slope = if self.orthographic { 1.0 } else { s.near * s.near };
+            s.seen = self.depths.seen(s, slack * self.small * slope, 40.0 * self.small * slope);
+        }
+    }
+
+    /// Cuts a line into its visible runs and makes strokes of them. A closed one repeats its first sample at its end.
+    fn cut(&self, mut line: Vec<Sample>, closed: bool, kind: Kind, out: &mut Vec<Stroke>) {
+        settle(&mut line);
+        if line.iter().all(|s| s.seen == Seen::Yes) {
+            return self.stroke(&line, closed, [true; 2], kind, out);
+        }
+        if closed && let Some(hidden) = line.iter().position(|s| s.seen != Seen::Yes) {
+            line.pop();
+            line.rotate_left(hidden);
+        }
+        let mut start = 0;
+        while let Some(from) = line[start..].iter().position(|s| s.seen == Seen::Yes).map(|i| i + start) {
+            let to = line[from..].iter().position(|s| s.seen != Seen::Yes).map_or(line.len(), |i| i + from);
+            // A line goes on behind what covers it; one that turns away, or just ends, is lifted off the paper.
+            let before = if from > 0 {
+                line.get(from - 1)
+            } else if closed {
+                line.last()
+            } else {
+                None
+            };
+            let after = if to < line.len() || !closed { line.get(to) } else { line.first() };
+            let lifted = [before, after].map(|s| s.is_none_or(|s| s.seen != Seen::Covered));
+            self.stroke(&line[from..to], false, lifted, kind, out);
+            start = to;
+        }
+    }
+
+    /// Adds one stroke; `lifted` says at which ends it thins out.
+    fn stroke(&self, line: &[Sample], closed: bool, lifted: [bool; 2], kind: Kind, out: &mut Vec<Stroke>) {
+        let mut points = thinned(line, closed);
+        if kind == Kind::Silhouette {
+            // Taubin, A signal processing approach to fair surface design, 1995: every other pass outwards, so that circles do not shrink.
+            [0.5, -0.53, 0.5, -0.53].into_iter().for_each(|by| smooth(&mut points, closed, by));
+        }
+        if points.len() < 2 {
+            return;
+        }
+        let lengths = along(&points);
+        let total = lengths.last().copied().unwrap_or(0.0);
+        let taper = self.pen.taper.min(total / 2.0);
+        let rise = |distance: f64| if taper > 0.0 { (distance / taper).clamp(0.0, 1.0).sqrt() } else { 1.0 };
+        let ends =
+            |s: f64| if closed { 1.0 } else { (if lifted[0] { rise(s) } else { 1.0 }) * (if lifted[1] { rise(total - s) } else { 1.0 }) };
+        let widths: Vec<f64> = points.iter().zip(&lengths).map(|(p, s)| p.width * ends(*s)).collect();
+        let places: Vec<Point> = points.iter().map(|p| p.at).collect();
+        let path = ink_widths(&places, &widths, closed);
+        if !path.elements().is_empty() {
+            let bounds = path.bounding_box();
+            out.push(Stroke { rows: [bounds.y0, bounds.y1], path });
+        }
+    }
+}
+
+/// Marks where a line turns by more than thirty degrees.
+fn mark_corners(line: &mut [Sample], closed: bool) {
+    let n = line.len();
+    let turn = |a: Point, b: Point, c: Point| {
+        let (u, v) = (b - a, c - b);
+        u.dot(v) < 0.866 * (u.hypot2() * v.hypot2()).sqrt()
+    };
+    for i in 1..n.saturating_sub(1) {
+        line[i].corner = turn(line[i - 1].at, line[i].at, line[i + 1].at);
+    }
+    if closed && n > 3 {
+        let corner = turn(line[n - 2].at, line[0].at, line[1].at);
+        (line[0].corner, line[n - 1].corner) = (corner, corner);
+    }
+}
+
+/// Closes gaps that are too short to be real, then drops pieces that are.
+fn settle(line: &mut [Sample]) {
+    for wanted in [Seen::Yes, Seen::Turned] {
+        let mut start = 0;
+        while start < line.len() {
+            let here = line[start].seen == Seen::Yes;
+            let end = line[start..].iter().position(|s| (s.seen == Seen::Yes) != here).map_or(line.len(), |i| i + start);
+            let length: f64 = line[start..end].windows(2).map(|p| p[0].at.distance(p[1].at)).sum();
+            let inside = start > 0 && end < line.len();
+            let least = if here { NOISE.max(NOISE * line[start].width) } else { NOISE };
+            if here != (wanted == Seen::Yes) && inside && length < least {
+                line[start..end].iter_mut().for_each(|s| s.seen = if here { Seen::Covered } else { Seen::Yes });
+            }
+            start = end;
+        }
+    }
+}
+
+/// Samples some pixels apart, but all corners and both ends. A closed line loses its repeated end.
+fn thinned(line: &[Sample], closed: bool) -> Vec<Sample> {
+    let mut out: Vec<Sample> = Vec::with_capacity(line.len() / 2 + 2);
+    for (i, s) in line.iter().enumerate() {
+        let last = i + 1 == line.len();
+        if (last && !closed) || s.corner || out.last().is_none_or(|p| p.at.distance(s.at) >= 2.5) {
+            out.push(*s);
+        }
+    }
+    if closed && out.len() > 1 && out[0].at.distance(out[out.len() - 1].at) < 1.0 {
+        out.pop();
+    }
+    out
+}
+
+/// Moves places, and widths, by a part of the way to the middle of their neighbours; corners and free ends stay.
+fn smooth(line: &mut [Sample], closed: bool, by: f64) {
+    let old = line.to_vec();
+    let n = old.len();
+    for i in 0..n {
+        if old[i].corner || n < 3 || (!closed && (i == 0 || i + 1 == n)) {
+            continue;
+        }
+        let (a, b) = (old[(i + n - 1) % n], old[(i + 1) % n]);
+        line[i].at = old[i].at.lerp(a.at.midpoint(b.at), by);
+        line[i].width += ((a.width + b.width) / 2.0 - old[i].width) * by;
+    }
+}
+
+/// The length from the start to each sample.
+fn along(line: &[Sample]) -> Vec<f64> {
+    let mut sum = 0.0;
+    let mut out = vec![0.0];
+    for pair in line.windows(2) {
+        sum += pair[0].at.distance(pair[1].at);
+        out.push(sum);
+    }
+    out
+}
+
+/// Lays strokes over a picture of `width` columns. Where they overlap the ink is not darker.
+pub(super) fn lay(strokes: &[Stroke], colour: [f32; 4], width: usize, image: &mut [f32], threads: usize) {
+    let height = image.len() / (4 * width);
+    let rows = rows_of(height, threads);
+    let jobs = image.chunks_mut(4 * rows * width).enumerate().map(|(i, part)| (i * rows, part)).collect();
+    on_threads(jobs, threads, |(top, part): (usize, &mut [f32])| {
+        let own = part.len() / (4 * width);
+        let here: Vec<&Stroke> = strokes.iter().filter(|s| s.rows[1] >= top as f64 && s.rows[0] <= (top + own) as f64).collect();
+        if here.is_empty() {
+            return;
+        }
+        let mut ink = vec![0.0_f32; own * width];
+        for stroke in here {
+            let path = kurbo::Affine::translate((0.0, -(top as f64))) * &stroke.path;
+            fill_rows(&path, FillRule::NonZero, width, own, |y, x0, row| {
+                for (ink, cover) in ink[y * width + x0..].iter_mut().zip(row) {
+                    *ink = ink.max(*cover);
+                }
+            });
+        }
+        for (pixel, ink) in part.chunks_exact_mut(4).zip(ink).filter(|(_, ink)| *ink > 0.0) {
+            let keep = 1.0 - colour[3] * ink;
+            pixel.iter_mut().zip(colour).for_each(|(below, above)| *below = *below * keep + above * ink);
+        }
+    });
+}

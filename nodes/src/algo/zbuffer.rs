@@ -1,0 +1,361 @@
+//! Triangles to pixels: clipping, exact edge functions, a depth buffer, and many samples a pixel where asked.
+//!
+//! Corners are snapped to 1/256 pixel, so that edge functions are exact in `f64` and neighbours share each sample between them: no gap, no pixel
+//! twice (Pineda, *A parallel algorithm for polygon rasterization*, 1988). Who is nearest is decided per pixel in the order of triangles, so
+//! that bands of rows can be drawn on any number of threads.
+
+use nalgebra::{Vector3, Vector4};
+
+use super::camera::Camera;
+use super::surface::Surface;
+
+/// No triangle.
+pub const NONE: u32 = u32::MAX;
+
+/// How far out corners may lie, in pixels, before a triangle is cut: 2¹⁷ keeps edge functions exact.
+const GUARD: f64 = 131_072.0;
+
+/// Samples of a pixel that is looked at closely.
+pub const SAMPLES: usize = 16;
+
+/// Where they lie, in 256ths of a pixel: a (0, 4, 2)-net, each row, column and square of four by four has its share.
+pub const OFFSETS: [[f64; 2]; SAMPLES] = offsets();
+
+const fn offsets() -> [[f64; 2]; SAMPLES] {
+    let mut out = [[0.0; 2]; SAMPLES];
+    let mut i = 0;
+    while i < SAMPLES {
+        let reversed = ((i & 1) << 3) | ((i & 2) << 1) | ((i & 4) >> 1) | ((i & 8) >> 3);
+        out[i] = [(i * 16 + 8) as f64 / 256.0, (reversed * 16 + 8) as f64 / 256.0];
+        i += 1;
+    }
+    out
+}
+
+/// A triangle on the screen, or a piece of one that was cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScreenTriangle {
+    /// Columns and rows of the corners, pixels.
+    pub corners: [[f64; 2]; 3],
+    /// Nearness of the corners: 1 / depth in perspective, −depth in an orthographic view. Both run evenly over the screen.
+    pub near: [f64; 3],
+    /// The triangle of the surface.
+    pub source: u32,
+    /// For a piece of a triangle, where its corners lie in [`Projected::pieces`]; [`NONE`] for a whole one.
+    pub piece: u32,
+}
+
+/// Triangles on the screen.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Projected {
+    /// In the order of the surface's.
+    pub triangles: Vec<ScreenTriangle>,
+    /// For pieces, the weights of the whole triangle's corners at each corner of the piece.
+    pub pieces: Vec<[[f64; 3]; 3]>,
+}
+
+impl ScreenTriangle {
+    /// Twice its area on the screen, positive where it is seen from the front (y runs down).
+    pub fn area(&self) -> f64 {
+        let [a, b, c] = self.corners;
+        (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
+    }
+}
+
+/// Depth along the camera's axis from nearness.
+pub fn depth_of(near: f64, orthographic: bool) -> f64 {
+    if orthographic { -near } else { 1.0 / near }
+}
+
+/// The surface's triangles on the screen, as far as they may touch the picture, in their order. Cost: O(n).
+pub fn project(surface: &Surface, camera: &Camera) -> Projected {
+    let matrix = camera.clip_from_world();
+    let clip: Vec<Vector4<f64>> = surface.positions.iter().map(|p| matrix * Vector4::new(p.x, p.y, p.z, 1.0)).collect();
+    let projector = Projector::new(camera);
+    let mut out = Projected { triangles: Vec::with_capacity(surface.triangles.len()), pieces: Vec::new() };
+    for (t, corners) in surface.triangles.iter().enumerate() {
+        projector.push(corners.map(|i| clip[i as usize]), t as u32, &mut out);
+    }
+    out
+}
+
+struct Projector<'a> {
+    camera: &'a Camera,
+    /// Clip coordinates beyond this many w are cut.
+    guard: [f64; 2],
+    depth: [f64; 2],
+    orthographic: bool,
+}
+
+impl<'a> Projector<'a> {
+    fn new(camera: &'a Camera) -> Self {
+        let guard = camera.size.map(|n| GUARD * 2.0 / n as f64 - 1.0);
+        Self { camera, guard, depth: camera.depth_of_clip(), orthographic: camera.is_orthographic() }
+    }
+
+    /// Distances to the planes that cut: near first, then left, right, bottom, top; positive inside.
+    fn planes(&self, v: &Vector4<f64>) -> [f64; 5] {
+        let [gx, gy] = self.guard;
+        [v.z + v.w, v.x + gx * v.w, gx * v.w - v.x, v.y + gy * v.w, gy * v.w - v.y]
+    }
+
+    fn push(&self, clip: [Vector4<f64>; 3], source: u32, out: &mut Projected) {
+        let beyond = |f: &dyn Fn(&Vector4<f64>) -> bool| clip.iter().all(f);
+        if beyond(&|v| v.z < -v.w) || beyond(&|v| v.x < -v.w) || beyond(&|v| v.x > v.w) || beyond(&|v| v.y < -v.w) || beyond(&|v| v.y > v.w)
+        {
+            return;
+        }
+        let sides = clip.map(|v| self.planes(&v));
+        if sides.iter().flatten().all(|d| *d >= 0.0) && clip.iter().all(|v| v.w > 0.0) {
+            return out.triangles.push(self.triangle(clip, source, NONE));
+        }
+        let weights = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let mut polygon: Vec<Corner> = clip.into_iter().zip(weights).collect();
+        for plane in 0..5 {
+            polygon = cut(&polygon, |v| self.planes(v)[plane]);
+        }
+        // What is left in the plane of the eye has no place on the screen.
+        if polygon.iter().any(|v| v.0.w <= 0.0) {
+            return;
+        }
+        for i in 2..polygon.len() {
+            let piece = [polygon[0], polygon[i - 1], polygon[i]];
+            out.triangles.push(self.triangle(piece.map(|c| c.0), source, out.pieces.len() as u32));
+            out.pieces.push(piece.map(|c| c.1.into()));
+        }
+    }
+
+    fn triangle(&self, clip: [Vector4<f64>; 3], source: u32, piece: u32) -> ScreenTriangle {
+        let [a, b] = self.depth;
+        let near = clip.map(|v| if self.orthographic { -(a * v.z + b) } else { 1.0 / (a * v.w + b) });
+        ScreenTriangle { corners: clip.map(|v| self.camera.pixel(&v)), near, source, piece }
+    }
+}
+
+/// A corner in clip space, and its weights of the triangle's corners.
+type Corner = (Vector4<f64>, Vector3<f64>);
+
+/// The part of a convex polygon where `inside` is not negative: Sutherland and Hodgman, *Reentrant polygon clipping*, 1974.
+fn cut(polygon: &[Corner], inside: impl Fn(&Vector4<f64>) -> f64) -> Vec<Corner> {
+    let mut out = Vec::with_capacity(polygon.len() + 1);
+    for (i, b) in polygon.iter().enumerate() {
+        let a = &polygon[(i + polygon.len() - 1) % polygon.len()];
+        let (da, db) = (inside(&a.0), inside(&b.0));
+        if (da >= 0.0) != (db >= 0.0) {
+            // From the inner end, so that both triangles at an edge cut it at the same point.
+            let (p, q, dp, dq) = if da >= 0.0 { (a, b, da, db) } else { (b, a, db, da) };
+            let t = dp / (dp - dq);
+            out.push((p.0 + (q.0 - p.0) * t, p.1 + (q.1 - p.1) * t));
+        }
+        if db >= 0.0 {
+            out.push(*b);
+        }
+    }
+    out
+}
+
+/// A triangle with its edge functions: not negative inside, e = a x + b y + c at pixel coordinates.
+struct Setup {
+    edges: [[f64; 3]; 3],
+    near: [f64; 3],
+    columns: [f64; 2],
+    rows: [f64; 2],
+}
+
+/// To the next 1/256: the sum leaves no bits for finer ones.
+fn snap(v: f64) -> f64 {
+    const MAGIC: f64 = 1.5 * (1_u64 << 44) as f64;
+    (v + MAGIC) - MAGIC
+}
+
+impl Setup {
+    /// `None` where nothing is left of it.
+    #[inline(always)]
+    fn new(triangle: &ScreenTriangle) -> Option<Self> {
+        let mut p = triangle.corners.map(|c| c.map(snap));
+        let mut q = triangle.near;
+        let area = (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
+        if area == 0.0 {
+            return None;
+        }
+        if area < 0.0 {
+            p.swap(1, 2);
+            q.swap(1, 2);
+        }
+        let edges = [0, 1, 2].map(|i| edge(p[i], p[(i + 1) % 3]));
+        // The weight of a corner is the function of the edge opposite, over the area.
+        let plane = |k: usize| (edges[1][k] * q[0] + edges[2][k] * q[1] + edges[0][k] * q[2]) / area.abs();
+        let (low, high) = (p[0][0].min(p[1][0]).min(p[2][0]), p[0][0].max(p[1][0]).max(p[2][0]));
+        let (top, bottom) = (p[0][1].min(p[1][1]).min(p[2][1]), p[0][1].max(p[1][1]).max(p[2][1]));
+        // From a corner, as far-off origins would cost digits.
+        let (nx, ny) = (plane(0), plane(1));
+        let near = [nx, ny, q[0] - nx * p[0][0] - ny * p[0][1]];
+        Some(Self { edges, near, columns: [low, high], rows: [top, bottom] })
+    }
+}
+
+/// The function of the edge from p to q. Samples on the edge belong to one of both sides: the other one's function is half a step lower.
+#[inline(always)]
+fn edge(p: [f64; 2], q: [f64; 2]) -> [f64; 3] {
+    let (a, b) = (p[1] - q[1], q[0] - p[0]);
+    let owns = a > 0.0 || (a == 0.0 && b > 0.0);
+    let c = -(a * p[0] + b * p[1]);
+    [a, b, if owns { c } else { c - 1.0 / 131_072.0 }]
+}
+
+/// The rows of a picture that one thread draws.
+pub struct Rows<'a> {
+    /// Column and row of the first pixel.
+    pub origin: [usize; 2],
+    /// Columns.
+    pub width: usize,
+    /// Nearness less `reference`, row by row; −∞ where nothing is drawn.
+    pub near: &'a mut [f32],
+    /// Numbers of screen triangles; [`NONE`] where nothing is drawn.
+    pub id: &'a mut [u32],
+    /// Subtracted from nearness, so that `f32` holds it.
+    pub reference: f64,
+}
+
+impl Rows<'_> {
+    fn height(&self) -> usize {
+        self.near.len() / self.width.max(1)
+    }
+
+    /// First and last pixel whose centres lie in a range, among so many.
+    #[inline(always)]
+    fn centres(range: [f64; 2], origin: usize, len: usize) -> (usize, usize) {
+        let low = (range[0] - 0.5 - origin as f64).max(0.0);
+        let high = (range[1] + 0.5 - origin as f64).max(0.0).min(len as f64);
+        // Casts cut towards nought, so that adding nearly one rounds up.
+        ((low as usize) + usize::from(low > (low as usize) as f64), high as usize)
+    }
+
+    /// Draws all triangles, one sample at each pixel's centre. Cost: O(triangles + pixels that they cover).
+    pub fn draw(&mut self, triangles: &[ScreenTriangle]) {
+        draw_rows(self, triangles);
+    }
+}
+
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn draw_rows(rows: &mut Rows<'_>, triangles: &[ScreenTriangle]) {
+    let (top, bottom) = (rows.origin[1] as f64, (rows.origin[1] + rows.height()) as f64);
+    for (id, triangle) in triangles.iter().enumerate() {
+        let [a, b, c] = triangle.corners.map(|c| c[1]);
+        if a.max(b).max(c) < top - 1.0 || a.min(b).min(c) > bottom + 1.0 {
+            continue;
+        }
+        if let Some(setup) = Setup::new(triangle) {
+            draw_one(rows, &setup, id as u32);
+        }
+    }
+}
+
+#[inline(always)]
+fn draw_one(rows: &mut Rows<'_>, setup: &Setup, id: u32) {
+    let width = rows.width;
+    let (y0, y1) = Rows::centres(setup.rows, rows.origin[1], rows.height());
+    let (left, right) = Rows::centres(setup.columns, rows.origin[0], width);
+    for y in y0..y1 {
+        let py = (y + rows.origin[1]) as f64 + 0.5;
+        let (x0, x1) = if right > left + 32 { span(setup, py, rows.origin[0], left, right) } else { (left, right) };
+        let px = (x0 + rows.origin[0]) as f64 + 0.5;
+        let e = setup.edges.map(|[a, b, c]| a * px + b * py + c);
+        let q = setup.near[0] * px + setup.near[1] * py + setup.near[2] - rows.reference;
+        let (near, ids) = (&mut rows.near[y * width..][x0..x1.max(x0)], &mut rows.id[y * width..][x0..x1.max(x0)]);
+        for (i, (near, slot)) in near.iter_mut().zip(ids).enumerate() {
+            let i = i as i32 as f64;
+            let [d, f, g] = [0, 1, 2].map(|k| e[k] + setup.edges[k][0] * i >= 0.0);
+            let value = (q + setup.near[0] * i) as f32;
+            let wins = d & f & g & (value > *near);
+            *near = if wins { value } else { *near };
+            *slot = if wins { id } else { *slot };
+        }
+    }
+}
+
+/// The columns of a row that a wide triangle may cover, a pixel more at both sides.
+#[inline(always)]
+fn span(setup: &Setup, py: f64, origin: usize, left: usize, right: usize) -> (usize, usize) {
+    let (mut low, mut high) = (left as f64, right as f64);
+    for [a, b, c] in setup.edges {
+        let root = -(b * py + c) / a - origin as f64;
+        if a > 0.0 {
+            low = low.max(root - 2.0);
+        } else if a < 0.0 {
+            high = high.min(root + 2.0);
+        }
+    }
+    let high = (high.max(0.0) as usize).min(right);
+    ((low as usize).min(high), high)
+}
+
+/// The samples of pixels that are looked at closely.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Close {
+    /// Nearness less the reference of each sample.
+    pub near: [f32; SAMPLES],
+    /// The screen triangle of each sample, or [`NONE`].
+    pub id: [u32; SAMPLES],
+    /// A triangle that touches the pixel's square, for slivers that no sample meets.
+    pub touching: u32,
+}
+
+impl Default for Close {
+    fn default() -> Self {
+        Self { near: [f32::NEG_INFINITY; SAMPLES], id: [NONE; SAMPLES], touching: NONE }
+    }
+}
+
+/// Draws all triangles once more on those pixels of `rows` whose `slot` is not [`NONE`], with many samples. Cost: O(triangles + close pixels × layers).
+pub fn draw_close(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[ScreenTriangle]) {
+    close_rows(rows, slot, close, triangles);
+}
+
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn close_rows(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[ScreenTriangle]) {
+    let bottom = rows.origin[1] + rows.height();
+    for (id, triangle) in triangles.iter().enumerate() {
+        let [a, b, c] = triangle.corners.map(|c| c[1]);
+        if a.max(b).max(c) < rows.origin[1] as f64 - 1.0 || a.min(b).min(c) > bottom as f64 + 1.0 {
+            continue;
+        }
+        let Some(setup) = Setup::new(triangle) else { continue };
+        let squares = |range: [f64; 2], origin: usize, len: usize| {
+            let low = (range[0] - origin as f64).max(0.0) as usize;
+            (low, ((range[1] - origin as f64).max(-1.0) + 1.0).min(len as f64) as usize)
+        };
+        let (y0, y1) = squares(setup.rows, rows.origin[1], rows.height());
+        let (x0, x1) = squares(setup.columns, rows.origin[0], rows.width);
+        for y in y0..y1 {
+            let row = &slot[y * rows.width..][x0..x1.max(x0)];
+            for (i, &at) in row.iter().enumerate().filter(|(_, at)| **at != NONE) {
+                close_one(&mut close[at as usize], &setup, [x0 + i + rows.origin[0], y + rows.origin[1]], rows.reference, id as u32);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn close_one(close: &mut Close, setup: &Setup, pixel: [usize; 2], reference: f64, id: u32) {
+    let [x, y] = pixel.map(|v| v as f64);
+    let e = setup.edges.map(|[a, b, c]| a * x + b * y + c);
+    let q = setup.near[0] * x + setup.near[1] * y + setup.near[2] - reference;
+    for s in 0..SAMPLES {
+        let [dx, dy] = OFFSETS[s];
+        let inside = |k: usize| e[k] + (setup.edges[k][0] * dx + setup.edges[k][1] * dy) >= 0.0;
+        let value = (q + (setup.near[0] * dx + setup.near[1] * dy)) as f32;
+        let wins = inside(0) & inside(1) & inside(2) & (value > close.near[s]);
+        close.near[s] = if wins { value } else { close.near[s] };
+        close.id[s] = if wins { id } else { close.id[s] };
+    }
+    // The square is touched where no edge has all of it on its outer side.
+    let touches = setup.edges.iter().zip(e).all(|(k, e)| e + k[0].max(0.0) + k[1].max(0.0) >= 0.0);
+    if touches && close.touching == NONE {
+        close.touching = id;
+    }
+}
+
+#[cfg(test)]
+#[path = "zbuffer_tests.rs"]
+mod tests;
