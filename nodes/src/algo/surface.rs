@@ -103,6 +103,24 @@ impl Surface {
         Ok(surface)
     }
 
+    /// As [`Surface::new`], for fills without antialiasing or lines: where all meshes have normals, nothing is joined, and there are no edges.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn without_edges(parts: &[Part<'_>], hard: f64) -> Result<Self, SurfaceError> {
+        if parts.iter().any(|p| p.normals.len() != p.positions.len()) {
+            return Self::new(parts, hard);
+        }
+        let mut surface = Self::default();
+        for (number, part) in parts.iter().enumerate() {
+            surface.append(number, part)?;
+        }
+        surface.normals = parts.iter().flat_map(|p| p.normals).map(|&n| Vector3::from(n)).collect();
+        surface.normal_of.clone_from(&surface.triangles);
+        surface.mend();
+        Ok(surface)
+    }
+
     fn append(&mut self, number: usize, part: &Part<'_>) -> Result<(), SurfaceError> {
         let (start, count) = (self.positions.len(), part.positions.len());
         if start + count > 1 << 30 || self.triangles.len() + part.triangles.len() > 1 << 30 {

@@ -55,6 +55,17 @@ fn triangles_without_area_and_three_sheets_make_no_neighbours() {
 }
 
 #[test]
+fn without_edges_there_are_still_normals() {
+    let (positions, triangles) = sphere(12, 8);
+    let part = Part { positions: &positions, triangles: &triangles, normals: &positions };
+    let ball = Surface::without_edges(&[part], 1.0).unwrap();
+    assert!(ball.edges.is_empty() && (ball.normals[5] - Vector3::from(positions[5])).norm() < 1e-12);
+    assert_eq!(ball.normal_of, triangles);
+    let bare = Surface::without_edges(&[Part { normals: &[], ..part }], 1.0).unwrap();
+    assert!(!bare.edges.is_empty());
+}
+
+#[test]
 fn what_is_no_surface_is_told_by_number() {
     let bad = [[0.0; 3], [0.0, f64::NAN, 1.0], [1.0; 3]];
     let error = Surface::new(&[Part { positions: &bad, triangles: &[], normals: &[] }], 1.0).unwrap_err();

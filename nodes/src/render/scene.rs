@@ -8,13 +8,16 @@ use crate::algo::surface::{Part, Surface};
 use crate::data::{Camera, Mesh};
 
 /// The meshes as one surface, whose parts they are.
-pub(super) fn surface_of(meshes: &[In<Mesh>], hard_deg: f64) -> Result<Surface, NodeError> {
+///
+/// Without `edges` it may have none, which is quicker and enough for fills.
+pub(super) fn surface_of(meshes: &[In<Mesh>], hard_deg: f64, edges: bool) -> Result<Surface, NodeError> {
     for (i, mesh) in meshes.iter().enumerate() {
         mesh.validate().map_err(|e| NodeError::input(format!("mesh {i}: {e}")))?;
     }
     let parts: Vec<Part<'_>> =
         meshes.iter().map(|m| Part { positions: &m.positions, triangles: &m.triangles, normals: &m.normals }).collect();
-    Surface::new(&parts, hard_deg.to_radians()).map_err(|e| NodeError::input(e.to_string()))
+    let made = if edges { Surface::new } else { Surface::without_edges };
+    made(&parts, hard_deg.to_radians()).map_err(|e| NodeError::input(e.to_string()))
 }
 
 /// A camera that can see.

@@ -98,7 +98,7 @@ impl PerFrame for RenderShadow {
         let [width, height] = camera.size;
         let window = Window::new(0, 0, width, height);
         let mut samples = blank(window)?;
-        let mut surface = surface_of(&self.mesh.0, 180.0)?;
+        let mut surface = surface_of(&self.mesh.0, 180.0, true)?;
         self.cast(&mut surface)?;
         let mut cover = coverage(&surface, &camera);
         if self.softness > 0.0 {

@@ -254,7 +254,8 @@ impl PerFrame for RenderToon {
         let camera = seen_by(&self.camera)?;
         let [width, height] = camera.size;
         blank(Window::new(0, 0, width, height))?;
-        let surface = surface_of(&self.mesh.0, self.hard_deg)?;
+        let edges = self.antialias || self.round > 0.0 || self.lines().is_some();
+        let surface = surface_of(&self.mesh.0, self.hard_deg, edges)?;
         // The frames of a stream are drawn side by side already.
         let drawn = self.draw(surface, &camera, usize::from(cx.clock.len() > 1))?;
         let picture = |channels: usize, name: &str, samples: Vec<f32>| {
