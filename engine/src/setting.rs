@@ -130,6 +130,7 @@ setting!(Vec<i64>, "list of whole numbers", |v| v.iter().map(|&x| x as f64).coll
 setting!(Vec<[f64; 2]>, "list of pairs of numbers", |v| v.iter().flatten().copied().collect());
 setting!(Vec<[f64; 3]>, "list of triples of numbers", |v| v.iter().flatten().copied().collect());
 setting!(Vec<[f64; 4]>, "list of four numbers each", |v| v.iter().flatten().copied().collect());
+setting!(Vec<Vec<f64>>, "list of lists of numbers", |v| v.concat());
 setting!(Vec<String>, "list of texts", |_v| Vec::new());
 
 impl Setting for String {
