@@ -15,6 +15,7 @@ mod image;
 mod io;
 mod keys;
 mod matte;
+mod motion;
 mod plot;
 mod pose;
 mod registry;
@@ -25,5 +26,6 @@ mod solve;
 mod skin;
 mod time;
 mod track;
+mod weights;
 
 pub use registry::registry;

@@ -24,6 +24,7 @@ use crate::io::{
 use crate::keys::{KeysBasis, KeysInbetween};
 use crate::io::{IoReadGltf, IoReadImage, IoReadImages, IoReadValue, IoWriteGltf, IoWriteImages, IoWriteTable, IoWriteValue};
 use crate::matte::{MatteColorClusters, MatteFromImage};
+use crate::motion::MotionKeys;
 use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::pose::{MeshPin, PosePin};
 
@@ -42,6 +43,7 @@ use crate::skin::SkinLinearBlend;
 use crate::render::{RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
+use crate::weights::WeightsKeys;
 
 /// Every node type and value type that Pegbar comes with.
 pub fn registry() -> Registry {
@@ -120,6 +122,7 @@ fn nodes(registry: Registry) -> Registry {
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
         .whole::<MeshPin>()
+        .per_frame::<MotionKeys>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
         .per_frame::<RenderDrawings>()
@@ -151,4 +154,5 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<TimePick>()
         .per_frame::<TimeResample>()
         .recurrent::<TrackAffine>()
+        .per_frame::<WeightsKeys>()
 }

@@ -19,6 +19,7 @@ pub mod grid;
 pub mod holds;
 pub mod key_blend;
 pub mod key_weights;
+pub mod keyframes;
 pub mod merge;
 pub mod mesh_deform;
 pub mod paint;
