@@ -4,6 +4,7 @@ use pegbar_engine::registry::Registry;
 
 use crate::capture::CaptureContour;
 use crate::cel::{CelArt, CelReference, CelScene};
+use crate::cel::{CelArt, CelCharacter, CelCharacterPose, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{Affine2, Basis, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Matte, Shape, Weights};
 use crate::drawing::DrawingMerge;
@@ -78,6 +79,8 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<CameraOrthographic>()
         .per_frame::<CameraPerspective>()
         .per_frame::<CelArt>()
+        .per_frame::<CelCharacter>()
+        .per_frame::<CelCharacterPose>()
         .per_frame::<CelReference>()
         .per_frame::<CelScene>()
         .per_frame::<CompMask>()

@@ -10,6 +10,7 @@ pub mod color;
 pub mod color_clusters;
 pub mod compatible;
 pub mod curve_bend;
+pub mod creature;
 pub mod filter;
 pub mod fit_affine;
 pub mod generate;

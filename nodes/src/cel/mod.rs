@@ -1,10 +1,14 @@
 //! Drawn footage with known truth, for examples and for measuring trackers, mattes and fits.
 
 mod art;
+mod character;
+mod character_pose;
 mod reference;
 mod scene;
 
 pub(crate) use art::CelArt;
+pub(crate) use character::CelCharacter;
+pub(crate) use character_pose::CelCharacterPose;
 pub(crate) use reference::CelReference;
 pub(crate) use scene::CelScene;
 
