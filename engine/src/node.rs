@@ -12,7 +12,7 @@ pub use error::{Fault, NodeError};
 pub use input::{AnyFrames, AnySequence, Arg, Frames, In, Input, List, Literal, Sequence, SequenceRef, Values};
 pub use operator::{Computed, Needs, Operator};
 pub(crate) use operator::{PerFrameOperator, RecurrentOperator, WholeOperator};
-pub use output::{OutValue, Output, Outputs, Stream};
+pub use output::{AnyStream, OutValue, Output, Outputs, Stream};
 pub use schema::{Access, InputSchema, InputType, Kind, NodeSchema, OutputSchema, ParseLiteral};
 
 use crate::value::Value;

@@ -60,6 +60,21 @@ impl<T: Value> Output for Stream<T> {
     }
 }
 
+/// As [`Stream`], of the type that the node's input has.
+#[derive(Debug)]
+pub struct AnyStream(
+    /// In order of frames.
+    pub Vec<ValueRef>,
+);
+
+impl Output for AnyStream {
+    const TYPE: Option<&'static str> = None;
+    const STREAM: bool = true;
+    fn into_out(self) -> OutValue {
+        OutValue::Stream(self.0)
+    }
+}
+
 /// The outputs of a node: `#[derive(Outputs)]` on a struct of [`Output`] fields.
 pub trait Outputs {
     /// What it says of its ports.

@@ -9,11 +9,11 @@ use super::solve::Sums;
 use crate::algo::raster::{Affine, apply};
 
 /// Lanes of every reduction: fixed, so that the bits do not depend on the processor.
-const LANES: usize = 16;
+pub(super) const LANES: usize = 16;
 /// Most pixels that the residual's scale is taken from.
 const MOST_PROBES: usize = 1024;
 /// Least residual scale, as a share of the template's contrast: clean drawings have none of their own.
-const LEAST_SCALE: f64 = 0.004;
+pub(super) const LEAST_SCALE: f64 = 0.004;
 
 /// A row of template pixels; its arrays are padded to whole chunks of lanes with pixels of no weight.
 #[derive(Clone, Debug)]
@@ -30,17 +30,15 @@ struct Row {
 pub(super) struct Level {
     pub(super) step: f64,
     rows: Vec<Row>,
-    weight: Vec<f32>,
-    /// Smoothed samples, a channel.
-    value: Vec<Vec<f32>>,
-    gx: Vec<Vec<f32>>,
-    gy: Vec<Vec<f32>>,
+    pub(super) weight: Vec<f32>,
+    /// Smoothed samples and their slopes across and down, a channel each.
+    pub(super) looks: [Vec<Vec<f32>>; 3],
     /// Sums over the channels of gx gx, gx gy and gy gy.
     tensor: [Vec<f32>; 3],
     probes: Vec<u32>,
     /// Weighted standard deviation of the samples over the region, all channels together.
     pub(super) contrast: f64,
-    total: f64,
+    pub(super) total: f64,
     centre: [f64; 2],
     scale: f64,
 }
@@ -48,13 +46,58 @@ pub(super) struct Level {
 /// Work space of the iterations, one value a template pixel.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
-    residual: Vec<Vec<f32>>,
+    pub(super) residual: Vec<Vec<f32>>,
     /// Sum over the channels of the squared residual.
     norm: Vec<f32>,
     /// Template weight where the sample lies inside the frame, else zero.
     valid: Vec<f32>,
-    robust: Vec<f32>,
+    pub(super) robust: Vec<f32>,
     probe: Vec<f32>,
+}
+
+/// Neighbouring pixels of one row of a crop: its number, the first pixel, the one after the last.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Span {
+    pub(super) row: usize,
+    pub(super) first: usize,
+    pub(super) end: usize,
+}
+
+/// From the first to the last pixel with a weight, in each row that has one.
+fn spans(weight: &[f32], width: usize) -> Vec<Span> {
+    let rows = weight.chunks_exact(width.max(1)).enumerate();
+    let span = |(row, w): (usize, &[f32])| {
+        let first = w.iter().position(|&v| v > 0.0)?;
+        Some(Span { row, first, end: w.iter().rposition(|&v| v > 0.0).map_or(first, |i| i + 1) })
+    };
+    rows.filter_map(span).collect()
+}
+
+/// The samples of `plane` in `spans`, times `gain`, each span padded with zeros to whole chunks of lanes.
+pub(super) fn packed(plane: &[f32], width: usize, spans: &[Span], gain: f32) -> Vec<f32> {
+    let mut out = Vec::new();
+    for s in spans {
+        out.extend(plane[s.row * width + s.first..s.row * width + s.end].iter().map(|v| v * gain));
+        out.resize(out.len().div_ceil(LANES) * LANES, 0.0);
+    }
+    out
+}
+
+/// A picture and its slopes in `spans`, by channel; slopes a pixel of the reference.
+pub(super) fn packed_looks(looks: &[Planes; 3], spans: &[Span]) -> [Vec<Vec<f32>>; 3] {
+    let per_pixel = (1.0 / looks[0].step) as f32;
+    [0, 1, 2].map(|k| {
+        let gain = if k == 0 { 1.0 } else { per_pixel };
+        looks[k].data.iter().map(|plane| packed(plane, looks[k].width, spans, gain)).collect()
+    })
+}
+
+/// Smoothed samples of a picture and their slopes across and down, a sample.
+pub(super) fn slopes(planes: &Planes, sigma: f64) -> [Planes; 3] {
+    let (smooth, derive) = gaussian_taps(sigma);
+    let all = [0, 0, planes.width, planes.height];
+    let (smooth, derive) = ((&smooth[..], 1.0), (&derive[..], -1.0));
+    [filtered(planes, all, smooth, smooth), filtered(planes, all, derive, smooth), filtered(planes, all, smooth, derive)]
 }
 
 /// What the residuals of one placement say.
@@ -69,19 +112,24 @@ pub(super) struct Fit {
 impl Level {
     /// The template pixels of `planes` where `weight` is not zero; `None` where there are none.
     pub(super) fn new(planes: &Planes, weight: &[f32], sigma: f64, centre: [f64; 2], scale: f64) -> Option<Self> {
-        let (smooth, derive) = gaussian_taps(sigma);
-        let all = [0, 0, planes.width, planes.height];
-        let value = filtered(planes, all, (&smooth, 1.0), (&smooth, 1.0));
-        let dx = filtered(planes, all, (&derive, -1.0), (&smooth, 1.0));
-        let dy = filtered(planes, all, (&smooth, 1.0), (&derive, -1.0));
-        let channels = planes.data.len();
+        Self::on(&slopes(planes, sigma), weight, &spans(weight, planes.width), centre, scale)
+    }
+
+    /// The template pixels of a picture with its slopes in `spans`; `None` where they have no weight.
+    pub(super) fn on(looks: &[Planes; 3], weight: &[f32], spans: &[Span], centre: [f64; 2], scale: f64) -> Option<Self> {
+        let Planes { width, origin, step, .. } = looks[0];
+        let centre_of = |i: usize, axis: usize| origin[axis] + (i as f64 + 0.5) * step;
+        let mut start = 0;
+        let row = |s: &Span| {
+            let len = (s.end - s.first).div_ceil(LANES) * LANES;
+            start += len;
+            Row { x: centre_of(s.first, 0), y: centre_of(s.row, 1), start: start - len, len }
+        };
         let mut level = Self {
-            step: planes.step,
-            rows: Vec::new(),
-            weight: Vec::new(),
-            value: vec![Vec::new(); channels],
-            gx: vec![Vec::new(); channels],
-            gy: vec![Vec::new(); channels],
+            step,
+            rows: spans.iter().map(row).collect(),
+            weight: packed(weight, width, spans, 1.0),
+            looks: packed_looks(looks, spans),
             tensor: [Vec::new(), Vec::new(), Vec::new()],
             probes: Vec::new(),
             contrast: 0.0,
@@ -89,46 +137,18 @@ impl Level {
             centre,
             scale,
         };
-        for j in 0..planes.height {
-            level.push_row(j, planes, weight, [&value, &dx, &dy]);
-        }
         level.finish();
         (level.total > 0.0).then_some(level)
     }
 
-    fn push_row(&mut self, j: usize, planes: &Planes, weight: &[f32], [value, dx, dy]: [&Planes; 3]) {
-        let w = planes.width;
-        let row = &weight[j * w..(j + 1) * w];
-        let Some(i0) = row.iter().position(|&v| v > 0.0) else { return };
-        let i1 = row.iter().rposition(|&v| v > 0.0).map_or(i0, |i| i + 1);
-        let len = (i1 - i0).div_ceil(LANES) * LANES;
-        let start = self.weight.len();
-        let centre = |i: usize, axis: usize| planes.origin[axis] + (i as f64 + 0.5) * planes.step;
-        self.rows.push(Row { x: centre(i0, 0), y: centre(j, 1), start, len });
-        let per_pixel = (1.0 / planes.step) as f32;
-        let take = |to: &mut Vec<f32>, from: &[f32], gain: f32| {
-            to.extend(from[j * w + i0..j * w + i1].iter().map(|v| v * gain));
-            to.resize(start + len, 0.0);
-        };
-        take(&mut self.weight, weight, 1.0);
-        for c in 0..self.value.len() {
-            take(&mut self.value[c], &value.data[c], 1.0);
-            take(&mut self.gx[c], &dx.data[c], per_pixel);
-            take(&mut self.gy[c], &dy.data[c], per_pixel);
-        }
-    }
-
     /// Fills what follows from the pixels: structure tensor, probes, contrast.
     fn finish(&mut self) {
-        let n = self.weight.len();
-        for (t, (a, b)) in [(&self.gx, &self.gx), (&self.gx, &self.gy), (&self.gy, &self.gy)].into_iter().enumerate() {
-            self.tensor[t] = (0..n).map(|i| a.iter().zip(b).map(|(a, b)| a[i] * b[i]).sum()).collect();
-        }
+        self.set_tensor();
         self.total = self.weight.iter().map(|&w| f64::from(w)).sum();
         if self.total <= 0.0 {
             return;
         }
-        for v in &self.value {
+        for v in &self.looks[0] {
             let (mut s, mut ss) = (0.0f64, 0.0f64);
             for (&w, &v) in self.weight.iter().zip(v) {
                 s += f64::from(w) * f64::from(v);
@@ -139,6 +159,24 @@ impl Level {
         }
         self.contrast = libm::sqrt(self.contrast);
         self.choose_probes();
+    }
+
+    /// The structure tensor of the slopes as they are.
+    pub(super) fn set_tensor(&mut self) {
+        let n = self.weight.len();
+        let [_, gx, gy] = &self.looks;
+        for (to, (a, b)) in self.tensor.iter_mut().zip([(gx, gx), (gx, gy), (gy, gy)]) {
+            to.clear();
+            to.resize(n, 0.0);
+            a.iter().zip(b).for_each(|(a, b)| add_products(to, a, b));
+        }
+    }
+
+    /// The centred and scaled coordinates of every template pixel: across, down.
+    pub(super) fn coordinates(&self) -> [Vec<f32>; 2] {
+        let across = |r: &Row| (0..r.len).map(|k| ((r.x - self.centre[0] + k as f64 * self.step) / self.scale) as f32).collect::<Vec<_>>();
+        let down = |r: &Row| vec![((r.y - self.centre[1]) / self.scale) as f32; r.len];
+        [self.rows.iter().flat_map(across).collect(), self.rows.iter().flat_map(down).collect()]
     }
 
     /// The scale of the residual matters where there is a gradient: flat pixels fit anywhere and would hide a misfit.
@@ -159,12 +197,12 @@ impl Level {
     /// Samples `frame` at the template's pixels moved by `motion`; leaves the residuals in `scratch` and returns the share inside the frame.
     pub(super) fn sample(&self, frame: &Planes, size: [usize; 2], motion: &Affine, scratch: &mut Scratch) -> f64 {
         let n = self.weight.len();
-        scratch.residual.resize(self.value.len(), Vec::new());
+        scratch.residual.resize(self.looks[0].len(), Vec::new());
         scratch.residual.iter_mut().for_each(|r| r.resize(n, 0.0));
         scratch.norm.resize(n, 0.0);
         scratch.valid.resize(n, 0.0);
         scratch.robust.resize(n, 0.0);
-        if frame.width < 2 || frame.height < 2 || frame.data.len() != self.value.len() {
+        if frame.width < 2 || frame.height < 2 || frame.data.len() != self.looks[0].len() {
             scratch.norm.fill(0.0);
             scratch.valid.fill(0.0);
             return 0.0;
@@ -178,7 +216,7 @@ impl Level {
             let start = [(p.x - frame.origin[0]) / frame.step - 0.5, (p.y - frame.origin[1]) / frame.step - 0.5];
             let range = row.start..row.start + row.len;
             let line = Line { start: [start[0] as f32, start[1] as f32], slope, bounds };
-            inside += f64::from(sample_row(&line, frame, &self.weight[range.clone()], &self.value, range, scratch));
+            inside += f64::from(sample_row(&line, frame, &self.weight[range.clone()], &self.looks[0], range, scratch));
         }
         inside / self.total
     }
@@ -194,7 +232,7 @@ impl Level {
                 .map(|(&w, &n)| f64::from(w) * if round == 0 { 1.0 } else { gm(f64::from(n), cut) })
                 .collect();
             scratch.norm.fill(0.0);
-            for (value, residual) in self.value.iter().zip(&mut scratch.residual) {
+            for (value, residual) in self.looks[0].iter().zip(&mut scratch.residual) {
                 let (gain, offset) = gain_of(value, residual, &weights);
                 for ((r, &v), n) in residual.iter_mut().zip(value).zip(&mut scratch.norm) {
                     *r = ((f64::from(*r) + f64::from(v) - offset) / gain) as f32 - v;
@@ -248,7 +286,7 @@ impl Level {
     fn row_sums(&self, row: &Row, x: [f32; 2], scratch: &Scratch) -> [f32; 13] {
         let r = row.start..row.start + row.len;
         let tensor = [&self.tensor[0][r.clone()], &self.tensor[1][r.clone()], &self.tensor[2][r.clone()]];
-        row_sums(x, &scratch.robust[r.clone()], tensor, &scratch.residual, &self.gx, &self.gy, r)
+        row_sums(x, &scratch.robust[r.clone()], tensor, &scratch.residual, &self.looks[1], &self.looks[2], r)
     }
 
     /// How badly the last sampled residuals fit: 0 for a perfect fit, 1 where nothing fits; what lies off the frame does not fit.
@@ -269,6 +307,15 @@ impl Level {
             s += f64::from(w);
         }
         if s > 0.0 && self.contrast > 0.0 { libm::sqrt(ss / s) / self.contrast } else { f64::INFINITY }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn add_products(to: &mut [f32], a: &[f32], b: &[f32]) {
+    let n = to.len();
+    let (a, b) = (&a[..n], &b[..n]);
+    for i in 0..n {
+        to[i] += a[i] * b[i];
     }
 }
 
@@ -418,7 +465,7 @@ fn weigh(out: &mut [f32], valid: &[f32], norm: &[f32], robust: Robust, cut: f32)
     }
 }
 
-fn sum_lanes(v: [f32; LANES]) -> f32 {
+pub(super) fn sum_lanes(v: [f32; LANES]) -> f32 {
     let mut v = v;
     for half in [8, 4, 2, 1] {
         for k in 0..half {

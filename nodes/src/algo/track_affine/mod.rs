@@ -18,6 +18,7 @@
 //! **Fails when** the region has no gradients (`Status::Textureless`), is off the frame, or is so changed that nothing fits
 //! (`Status::Unlike`). **Cost**: O(region) a frame and iteration; only the neighbourhood of the region is read.
 
+pub mod eigen;
 mod level;
 mod options;
 mod planes;
@@ -39,7 +40,7 @@ use options::{check_options, check_picture};
 pub(crate) use planes::toned;
 use planes::{Key, Planes, crop, pyramid};
 use region::{Extent, extent, mask_planes, region_weight, used_channels, window_of, with_rim};
-use run::{Attempt, Run, View, failed};
+use run::{Attempt, Cut, Run, View, failed};
 use solve::{is_sane, project};
 use start::{Moments, carrying, extrapolate, moments, transport};
 
@@ -197,7 +198,7 @@ impl Template {
         let masks = pyramid(mask, levels);
         self.plain = self.levels_of(pyramid(plain, levels), &masks, |m| m.data[0].iter().map(|&v| if v < 0.4 { 0.0 } else { v }).collect());
         if let Some(matte) = matte.filter(|_| self.options.key) {
-            let key = Key { matte, behind: &self.behind, amplitude: self.amplitude };
+            let key = Key { matte, behind: &self.behind, amplitude: self.amplitude, premultiplied: false };
             let keyed = crop(reference, &self.used, window, self.options.tone, Some(&key));
             self.keyed = self.levels_of(pyramid(keyed, levels), &masks, with_rim);
         }
@@ -336,6 +337,15 @@ impl Template {
             template: self,
             view: *view,
             levels,
+            cut: Cut {
+                bounds: self.bounds,
+                levels: levels.len(),
+                used: &self.used,
+                tone: self.options.tone,
+                behind: &self.behind,
+                amplitude: self.amplitude,
+                premultiplied: false,
+            },
             expected: &guesses.expected,
             calm: guesses.calm,
             size: [view.frame.width, view.frame.height],

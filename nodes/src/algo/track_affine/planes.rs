@@ -55,6 +55,8 @@ pub(super) struct Key<'a> {
     pub(super) behind: &'a [f32],
     /// The amplitude of the matte as a channel of its own.
     pub(super) amplitude: f32,
+    /// The matte takes light away before the tone is taken, as it does in premultiplied pictures; else after it.
+    pub(super) premultiplied: bool,
 }
 
 /// Largest magnitude kept: the largest half float. Larger values, infinities and not-a-numbers become zero.
@@ -112,6 +114,13 @@ pub(super) fn crop(picture: Raster, channels: &[usize], window: Window, tone: To
     for &c in channels {
         data.push(fill_rows(window, pw, ph, |out, x0, y| {
             let row = &picture.row(y)[x0 * stride + c..];
+            if let Some(key) = key.filter(|k| k.premultiplied) {
+                let behind = key.behind.get(c).copied().unwrap_or(0.0);
+                for ((o, px), &m) in out.iter_mut().zip(row.chunks(stride)).zip(&key.matte[y * pw + x0..]) {
+                    *o = toned(unit(m) * px[0], tone) + (1.0 - unit(m)) * behind;
+                }
+                return;
+            }
             tone_row(out, row, stride, tone == Tone::Encoded);
             if let Some(key) = key {
                 let behind = key.behind.get(c).copied().unwrap_or(0.0);

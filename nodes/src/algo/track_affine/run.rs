@@ -1,31 +1,31 @@
 //! One attempt at one frame: from the first guesses down the pyramid.
 
-use nalgebra::Vector6;
+use nalgebra::{Vector2, Vector6};
 
 use super::level::{Fit, Level, Scratch};
 use super::planes::{Key, Planes, Window, crop, gaussian_taps, pyramid, smoothed};
 use super::region::{has_finite, window_of};
 use super::solve::{Hold, away, distance, hardly_seen, increment, project, solve, update};
 use super::start::{moved_bounds, shifted, unrest};
-use super::{Status, Template, Track};
+use super::{Status, Template, Tone, Track};
 use crate::algo::raster::{Affine, Raster, apply, identity};
 
 /// Share of the region that must be on the frame.
-const LEAST_OVERLAP: f64 = 0.2;
+pub(super) const LEAST_OVERLAP: f64 = 0.2;
 /// Starts that are refined at the coarsest level.
 const REFINED: usize = 3;
 /// Starts that are refined when nothing has fitted yet.
 const REFINED_WIDE: usize = 8;
 /// Cost at the coarsest level under which a guess is taken without a search.
-const FITS: f64 = 0.12;
+pub(super) const FITS: f64 = 0.12;
 /// Cost at the coarsest level under which no other start can do much better.
-const FITS_WELL: f64 = 0.03;
+pub(super) const FITS_WELL: f64 = 0.03;
 /// What a start pays for each unit of unrest: an outline without features fits many ways, and the calmest is the one that is meant.
-const CALM: f64 = 0.04;
+pub(super) const CALM: f64 = 0.04;
 /// Unrest between a start and the calmest motion under which the latter says what cannot be seen.
 const NEARLY_CALM: f64 = 0.2;
 /// Condition number beyond which a direction counts as unseen.
-const UNSEEN: f64 = 1e6;
+pub(super) const UNSEEN: f64 = 1e6;
 
 /// What is looked at: a frame, and its matte where the frame is keyed.
 #[derive(Clone, Copy)]
@@ -54,6 +54,7 @@ pub(super) struct Run<'a> {
     pub(super) template: &'a Template,
     pub(super) view: View<'a>,
     pub(super) levels: &'a [Level],
+    pub(super) cut: Cut<'a>,
     /// Motions that need no reason.
     pub(super) expected: &'a [Affine],
     /// The motion that moves least, by the moments of the matte.
@@ -74,21 +75,36 @@ struct Refined {
     condition: f64,
 }
 
-impl Run<'_> {
-    /// The pyramid of the frame over the guesses' boxes, grown by `margin` pixels; `None` where they are all off the frame.
-    fn planes(&self, guesses: &[Affine], margin: f64) -> Option<(Window, Vec<Planes>)> {
-        let template = self.template;
-        let block = 1i64 << (self.levels.len() - 1);
+/// Which part of a frame is looked at, and how.
+pub(super) struct Cut<'a> {
+    /// The region's box in the reference.
+    pub(super) bounds: [f64; 4],
+    pub(super) levels: usize,
+    /// Channels that are compared.
+    pub(super) used: &'a [usize],
+    pub(super) tone: Tone,
+    pub(super) behind: &'a [f32],
+    pub(super) amplitude: f32,
+    pub(super) premultiplied: bool,
+}
+
+impl Cut<'_> {
+    /// The pyramid of the frame over the boxes of `guesses`, grown by `margin` pixels; `None` where they are all off the frame.
+    pub(super) fn planes(&self, view: &View, guesses: &[Affine], margin: f64) -> Option<(Window, Vec<Planes>)> {
+        let block = 1i64 << (self.levels - 1);
         let around = guesses
             .iter()
-            .map(|m| moved_bounds(m, template.bounds))
+            .map(|m| moved_bounds(m, self.bounds))
             .reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])?;
-        let window = window_of(around, margin.min(1e9)).aligned(block, self.size[0], self.size[1])?;
-        let key = self.view.matte.map(|matte| Key { matte, behind: &template.behind, amplitude: template.amplitude });
-        let fine = crop(self.view.frame, &template.used, window, template.options.tone, key.as_ref());
-        Some((window, pyramid(fine, self.levels.len())))
+        let window = window_of(around, margin.min(1e9)).aligned(block, view.frame.width, view.frame.height)?;
+        let (behind, amplitude, premultiplied) = (self.behind, self.amplitude, self.premultiplied);
+        let key = view.matte.map(|matte| Key { matte, behind, amplitude, premultiplied });
+        let fine = crop(view.frame, self.used, window, self.tone, key.as_ref());
+        Some((window, pyramid(fine, self.levels)))
     }
+}
 
+impl Run<'_> {
     /// From the coarsest level to the finest.
     pub(super) fn descend(&mut self, guesses: &[Affine], how: &Attempt) -> Track {
         let options = &self.template.options;
@@ -97,7 +113,7 @@ impl Run<'_> {
         let coarsest = self.levels[top].step;
         let first = guesses[0];
         let margin = (2.0 + 2.0 * options.sigma) * coarsest;
-        let Some((window, mut all)) = self.planes(guesses, margin + how.radius) else { return failed(first, Status::OffFrame) };
+        let Some((window, mut all)) = self.cut.planes(&self.view, guesses, margin + how.radius) else { return failed(first, Status::OffFrame) };
         if !has_finite(self.view.frame, window) {
             return failed(first, Status::NotFinite);
         }
@@ -110,7 +126,7 @@ impl Run<'_> {
         // The iterations may have left the crop: the finer levels need all of the region.
         let needed = window_of(moved_bounds(&at.motion, self.template.bounds), 0.5 * coarsest);
         if !window.covers(&needed, self.size) {
-            match self.planes(&[at.motion], margin) {
+            match self.cut.planes(&self.view, &[at.motion], margin) {
                 Some((_, found)) => all = found,
                 None => return failed(first, Status::OffFrame),
             }
@@ -175,7 +191,7 @@ impl Run<'_> {
         let best = starts.iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|s| s.1);
         let around: Vec<Affine> = if how.turned { guesses.to_vec() } else { best.into_iter().collect() };
         for guess in around {
-            for (dx, dy) in self.grid(frame, &guess, how.radius, if how.turned { 2.0 } else { 1.0 }) {
+            for (dx, dy) in grid(frame, apply(&guess, self.template.centre.into()), how.radius, if how.turned { 2.0 } else { 1.0 }) {
                 let m = shifted(&guess, dx, dy);
                 starts.push((self.cost(frame, &m) + self.dues(&m), m));
             }
@@ -224,19 +240,6 @@ impl Run<'_> {
             self.cost(frame, &refined.motion);
         }
         (cost, refined)
-    }
-
-    /// Shifts of every `stride`-th sample of the coarsest level that keep the region's centre within `radius` and on the crop.
-    fn grid(&self, frame: &Planes, around: &Affine, radius: f64, stride: f64) -> Vec<(f64, f64)> {
-        let centre = apply(around, self.template.centre.into());
-        let step = frame.step * stride;
-        let reach = |axis: usize, n: usize| {
-            let low = (frame.origin[axis] - centre[axis]).max(-radius) / step;
-            let high = (frame.origin[axis] + n as f64 * frame.step - centre[axis]).min(radius) / step;
-            (libm::ceil(low).max(-1e4) as i64, libm::floor(high).min(1e4) as i64)
-        };
-        let ((x0, x1), (y0, y1)) = (reach(0, frame.width), reach(1, frame.height));
-        (y0..=y1).flat_map(|j| (x0..=x1).map(move |i| (i as f64 * step, j as f64 * step))).filter(|d| *d != (0.0, 0.0)).collect()
     }
 
     /// Gauss-Newton at one level from `start`; what cannot be seen stays as in `anchor`.
@@ -288,6 +291,18 @@ impl Run<'_> {
         }
         at
     }
+}
+
+/// Shifts of every `stride`-th sample of `frame` that keep the region's `centre` within `radius` and on the crop.
+pub(super) fn grid(frame: &Planes, centre: Vector2<f64>, radius: f64, stride: f64) -> Vec<(f64, f64)> {
+    let step = frame.step * stride;
+    let reach = |axis: usize, n: usize| {
+        let low = (frame.origin[axis] - centre[axis]).max(-radius) / step;
+        let high = (frame.origin[axis] + n as f64 * frame.step - centre[axis]).min(radius) / step;
+        (libm::ceil(low).max(-1e4) as i64, libm::floor(high).min(1e4) as i64)
+    };
+    let ((x0, x1), (y0, y1)) = (reach(0, frame.width), reach(1, frame.height));
+    (y0..=y1).flat_map(|j| (x0..=x1).map(move |i| (i as f64 * step, j as f64 * step))).filter(|d| *d != (0.0, 0.0)).collect()
 }
 
 /// The answer where nothing was found: the first guess, and why.

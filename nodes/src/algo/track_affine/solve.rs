@@ -27,7 +27,7 @@ impl Sums {
     }
 
     /// The diagonal of the Hessian if every gradient had no direction, in the same order.
-    fn even(&self) -> Vector6<f64> {
+    pub(super) fn even(&self) -> Vector6<f64> {
         let energy = |k: usize| 0.5 * (self.tensor[0][k] + self.tensor[2][k]);
         Vector6::new(energy(3), energy(5), energy(3), energy(5), energy(0), energy(0))
     }
@@ -59,12 +59,12 @@ pub(super) fn hardly_seen(misfit: f64) -> f64 {
 const INVISIBLE: f64 = 1e-7;
 
 /// The normal equations with what they are measured against.
-struct Equations<'a> {
-    h: Matrix6<f64>,
-    b: Vector6<f64>,
+pub(super) struct Equations<'a> {
+    pub(super) h: Matrix6<f64>,
+    pub(super) b: Vector6<f64>,
     /// The diagonal of the Hessian if the same gradients had all directions: a thin limb is small across, not unseen.
-    even: Vector6<f64>,
-    hold: &'a Hold,
+    pub(super) even: Vector6<f64>,
+    pub(super) hold: &'a Hold,
 }
 
 /// What is done about directions that are hardly seen.
@@ -167,16 +167,20 @@ pub(super) fn away(motion: &Affine, start: &Affine, centre: [f64; 2], scale: f64
 /// Solves for the increment of `model`; what is hardly seen is led back as `hold` says. `exact` also finds the condition number; else it may be not-a-number.
 /// `None` where nothing can be seen (no gradient) or a sum is not finite.
 pub(super) fn solve(sums: &Sums, hold: &Hold, model: Model, exact: bool) -> Option<Step> {
-    let eq = Equations { h: sums.hessian(), b: sums.gradient(), even: sums.even(), hold };
+    solve_equations(&Equations { h: sums.hessian(), b: sums.gradient(), even: sums.even(), hold }, model, exact)
+}
+
+/// The same for given normal equations.
+pub(super) fn solve_equations(eq: &Equations, model: Model, exact: bool) -> Option<Step> {
     let dx = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     let dy = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let turn = [0.0, -1.0, 1.0, 0.0, 0.0, 0.0];
     let grow = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0];
     match model {
-        Model::Translation => solve_in(&eq, &SMatrix::<f64, 6, 2>::from_columns(&[dx.into(), dy.into()]), exact),
-        Model::Rigid => solve_in(&eq, &SMatrix::<f64, 6, 3>::from_columns(&[turn.into(), dx.into(), dy.into()]), exact),
-        Model::Similarity => solve_in(&eq, &SMatrix::<f64, 6, 4>::from_columns(&[turn.into(), grow.into(), dx.into(), dy.into()]), exact),
-        Model::Affine => solve_in(&eq, &Matrix6::identity(), exact),
+        Model::Translation => solve_in(eq, &SMatrix::<f64, 6, 2>::from_columns(&[dx.into(), dy.into()]), exact),
+        Model::Rigid => solve_in(eq, &SMatrix::<f64, 6, 3>::from_columns(&[turn.into(), dx.into(), dy.into()]), exact),
+        Model::Similarity => solve_in(eq, &SMatrix::<f64, 6, 4>::from_columns(&[turn.into(), grow.into(), dx.into(), dy.into()]), exact),
+        Model::Affine => solve_in(eq, &Matrix6::identity(), exact),
     }
 }
 

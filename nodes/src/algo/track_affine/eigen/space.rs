@@ -1,0 +1,222 @@
+//! One pyramid level of a space of pictures: the mean, what each component adds to it, and the sums of a joint step.
+
+use multiversion::multiversion;
+use nalgebra::{DMatrix, DVector, Vector6};
+
+use super::super::level::{LANES, Level, Scratch, Span, packed, packed_looks, slopes};
+use super::super::planes::Planes;
+
+/// Pixels that are worked on together, so that what is read again is still in the cache.
+const BLOCK: usize = 1024;
+/// Share of what can be seen that may be left out.
+const SPARED: f64 = 0.002;
+
+/// A level of the space.
+#[derive(Clone, Debug)]
+pub(super) struct Space {
+    /// The mean, in the pixels that say something.
+    pub(super) mean: Level,
+    /// What each component adds: to the samples and their slopes across and down, by channel.
+    parts: Vec<[Vec<Vec<f32>>; 3]>,
+    /// Coverage of the mean and what each component adds to it, where pixels are weighed by it; else none.
+    cover: Vec<Vec<f32>>,
+    /// Centred and scaled coordinates of each pixel.
+    at: [Vec<f32>; 2],
+}
+
+/// The pictures of one level.
+pub(super) struct Layers<'a> {
+    /// The mean, then the components.
+    pub(super) pictures: &'a [Planes],
+    /// Their coverages, one plane each, where pixels are weighed by them; else none.
+    pub(super) cover: &'a [Planes],
+    /// Weight of each pixel, 0 outside of the region.
+    pub(super) weight: &'a [f32],
+    /// Variance along each component.
+    pub(super) variances: &'a [f64],
+    /// Most pixels that are kept.
+    pub(super) most: usize,
+}
+
+/// The second derivatives that components have a share in.
+#[derive(Clone, Debug)]
+pub(super) struct Curvature {
+    /// Of each component with the six parameters of the motion.
+    pub(super) cross: Vec<Vector6<f64>>,
+    /// Of components with each other.
+    pub(super) own: DMatrix<f64>,
+}
+
+impl Space {
+    /// `None` where no pixel has a weight.
+    pub(super) fn new(layers: &Layers, sigma: f64, centre: [f64; 2], scale: f64) -> Option<Self> {
+        let looks: Vec<[Planes; 3]> = layers.pictures.iter().map(|p| slopes(p, sigma)).collect();
+        let width = looks[0][0].width;
+        let spans = telling(&interest(&looks, layers), layers.weight, width, layers.most);
+        let mean = Level::on(&looks[0], layers.weight, &spans, centre, scale)?;
+        let cover = layers.cover.iter().map(|c| packed(&c.data[0], width, &spans, 1.0)).collect();
+        Some(Self { at: mean.coordinates(), parts: looks[1..].iter().map(|l| packed_looks(l, &spans)).collect(), cover, mean })
+    }
+
+    /// Makes `level`, a copy of the mean, the picture of these coefficients; its slopes too where asked for.
+    pub(super) fn place(&self, level: &mut Level, coefficients: &[f64], with_slopes: bool) {
+        for k in 0..if with_slopes { 3 } else { 1 } {
+            for c in 0..self.mean.looks[k].len() {
+                blend(&mut level.looks[k][c], &self.mean.looks[k][c], coefficients, |l| &self.parts[l][k][c]);
+            }
+        }
+        if with_slopes {
+            level.set_tensor();
+        }
+        if let Some((mean, rest)) = self.cover.split_first() {
+            blend(&mut level.weight, mean, coefficients, |l| &rest[l]);
+            // Half covered pixels show as much of what is behind.
+            level.weight.iter_mut().for_each(|w| *w = (2.0 * *w - 1.0).clamp(0.0, 1.0));
+            level.total = level.weight.iter().map(|w| f64::from(*w)).sum();
+        }
+    }
+
+    /// Weighted residuals against each component: the right side of the normal equations. Leaves the weighted residuals in `pulled`.
+    pub(super) fn right(&self, scratch: &Scratch, pulled: &mut Vec<Vec<f32>>) -> DVector<f64> {
+        pulled.resize(scratch.residual.len(), Vec::new());
+        for (p, r) in pulled.iter_mut().zip(&scratch.residual) {
+            p.clear();
+            p.extend(r.iter().zip(&scratch.robust).map(|(r, w)| r * w));
+        }
+        let mut out = DVector::zeros(self.parts.len());
+        for (o, part) in out.iter_mut().zip(&self.parts) {
+            for (p, e) in pulled.iter().zip(&part[0]) {
+                *o += p.chunks(BLOCK).zip(e.chunks(BLOCK)).map(|(p, e)| f64::from(dot(p, e))).sum::<f64>();
+            }
+        }
+        out
+    }
+
+    /// The components' share of the Gauss-Newton matrix under the robust weights, the slopes being those of `level`.
+    pub(super) fn curvature(&self, level: &Level, scratch: &Scratch) -> Curvature {
+        let (n, pixels) = (self.parts.len(), scratch.robust.len());
+        let mut found = Curvature { cross: vec![Vector6::zeros(); n], own: DMatrix::zeros(n, n) };
+        let mut weighed = vec![vec![0.0f32; BLOCK]; self.mean.looks[0].len()];
+        for start in (0..pixels).step_by(BLOCK) {
+            let r = start..pixels.min(start + BLOCK);
+            for l in 0..n {
+                for (to, e) in weighed.iter_mut().zip(&self.parts[l][0]) {
+                    to.clear();
+                    to.extend(e[r.clone()].iter().zip(&scratch.robust[r.clone()]).map(|(e, w)| e * w));
+                }
+                for m in 0..=l {
+                    let products = weighed.iter().zip(&self.parts[m][0]).map(|(w, e)| f64::from(dot(w, &e[r.clone()])));
+                    found.own[(l, m)] += products.sum::<f64>();
+                }
+                found.cross[l] += self.cross(level, &weighed, r.clone());
+            }
+        }
+        found.own.fill_upper_triangle_with_lower_triangle();
+        found
+    }
+
+    /// Sums of a weighted component with the six steepest descent pictures, over some pixels.
+    fn cross(&self, level: &Level, weighed: &[Vec<f32>], r: std::ops::Range<usize>) -> Vector6<f64> {
+        let mut pulls = [[0.0f32; BLOCK]; 2];
+        for (axis, pull) in pulls.iter_mut().enumerate() {
+            for (w, g) in weighed.iter().zip(&level.looks[axis + 1]) {
+                add_product(&mut pull[..r.len()], w, &g[r.clone()]);
+            }
+        }
+        let [u, v] = pulls.each_ref().map(|p| &p[..r.len()]);
+        let [x, y] = self.at.each_ref().map(|c| &c[r.clone()]);
+        let sum = |p: &[f32]| p.iter().map(|v| f64::from(*v)).sum::<f64>();
+        let with = |p: &[f32], c: &[f32]| f64::from(dot(p, c));
+        Vector6::new(with(u, x), with(u, y), with(v, x), with(v, y), sum(u), sum(v))
+    }
+}
+
+/// What each pixel says about a step of one sample or a deviation of the pose: squared slopes and squared changes.
+fn interest(looks: &[[Planes; 3]], layers: &Layers) -> Vec<f32> {
+    let mut out = vec![0.0f32; layers.weight.len()];
+    for (i, [value, dx, dy]) in looks.iter().enumerate() {
+        let gain = if i == 0 { 1.0 } else { layers.variances[i - 1] as f32 };
+        let of: &[&Planes] = if i == 0 { &[dx, dy] } else { &[value, dx, dy] };
+        for plane in of.iter().flat_map(|p| &p.data) {
+            out.iter_mut().zip(plane).for_each(|(o, v)| *o += gain * v * v);
+        }
+    }
+    out.iter_mut().zip(layers.weight).for_each(|(o, w)| *o *= w);
+    out
+}
+
+/// The chunks of pixels that say nearly all that can be said: flat paint says where nothing is.
+fn telling(interest: &[f32], weight: &[f32], width: usize, most: usize) -> Vec<Span> {
+    let mut chunks: Vec<(f64, Span)> = Vec::new();
+    for (row, (w, e)) in weight.chunks_exact(width).zip(interest.chunks_exact(width)).enumerate() {
+        let Some(left) = w.iter().position(|&v| v > 0.0) else { continue };
+        let right = w.iter().rposition(|&v| v > 0.0).map_or(left, |i| i + 1);
+        for first in (left..right).step_by(LANES) {
+            let end = right.min(first + LANES);
+            chunks.push((e[first..end].iter().map(|v| f64::from(*v)).sum(), Span { row, first, end }));
+        }
+    }
+    let total: f64 = chunks.iter().map(|c| c.0).sum();
+    // A stable sort: equal chunks stay in the order of the picture.
+    chunks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (mut said, mut kept) = (0.0, 0);
+    let few = 4096 / LANES;
+    while kept < chunks.len() && (kept < few || (said < (1.0 - SPARED) * total && (kept + 1) * LANES <= most)) {
+        said += chunks[kept].0;
+        kept += 1;
+    }
+    chunks.truncate(kept);
+    let mut spans: Vec<Span> = chunks.into_iter().map(|c| c.1).collect();
+    spans.sort_by_key(|s| (s.row, s.first));
+    spans.dedup_by(|b, a| {
+        let joined = a.row == b.row && a.end == b.first;
+        if joined {
+            a.end = b.end;
+        }
+        joined
+    });
+    spans
+}
+
+/// `out` = `mean` + the parts times their coefficients.
+fn blend<'a>(out: &mut [f32], mean: &[f32], coefficients: &[f64], part: impl Fn(usize) -> &'a Vec<f32>) {
+    for start in (0..out.len()).step_by(BLOCK) {
+        let r = start..out.len().min(start + BLOCK);
+        out[r.clone()].copy_from_slice(&mean[r.clone()]);
+        for (l, c) in coefficients.iter().enumerate().filter(|(_, c)| **c != 0.0) {
+            add_scaled(&mut out[r.clone()], &part(l)[r.clone()], *c as f32);
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn add_scaled(to: &mut [f32], from: &[f32], gain: f32) {
+    let n = to.len();
+    let from = &from[..n];
+    for i in 0..n {
+        to[i] += gain * from[i];
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn add_product(to: &mut [f32], a: &[f32], b: &[f32]) {
+    let n = to.len();
+    let (a, b) = (&a[..n], &b[..n]);
+    for i in 0..n {
+        to[i] += a[i] * b[i];
+    }
+}
+
+/// Inner product of as many numbers each, a multiple of the lanes.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut acc = [[0.0f32; LANES]; 2];
+    for (a, b) in a.chunks(2 * LANES).zip(b.chunks(2 * LANES)) {
+        for ((acc, a), b) in acc.iter_mut().zip(a.chunks_exact(LANES)).zip(b.chunks_exact(LANES)) {
+            (0..LANES).for_each(|k| acc[k] += a[k] * b[k]);
+        }
+    }
+    let [mut sum, other] = acc;
+    (0..LANES).for_each(|k| sum[k] += other[k]);
+    super::super::level::sum_lanes(sum)
+}
