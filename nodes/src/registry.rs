@@ -33,6 +33,7 @@ use crate::render::{RenderShapes, RenderStrip};
 use crate::retarget::{RetargetImage, RetargetShapes};
 use crate::keys::{KeysChoose, KeysPick};
 use crate::matte::{MatteColorClusters, MatteFromImage};
+use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionPin, MotionSmooth};
 use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::render::{RenderShapes, RenderStrip};
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
@@ -45,6 +46,7 @@ use crate::render::{RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::TrackAffine;
 use crate::weights::WeightsKeys;
+use crate::track::{TrackAffine, TrackEigen};
 
 /// Every node type and value type that Pegbar comes with.
 pub fn registry() -> Registry {
@@ -126,6 +128,11 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<MatteFromImage>()
         .whole::<MeshPin>()
         .per_frame::<MotionKeys>()
+        .whole::<MotionAnticipate>()
+        .whole::<MotionExaggerate>()
+        .whole::<MotionFollowThrough>()
+        .whole::<MotionPin>()
+        .whole::<MotionSmooth>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
         .per_frame::<RenderDrawings>()
@@ -158,4 +165,5 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<TimeResample>()
         .recurrent::<TrackAffine>()
         .per_frame::<WeightsKeys>()
+        .recurrent::<TrackEigen>()
 }

@@ -12,7 +12,6 @@ pub struct PoseMap {
     /// Weights of the examples, then of 1 and of each coordinate: [m + l + 1, d], or fewer rows without the affine part's slopes.
     weights: DMatrix<f64>,
     affine: usize,
-    power: i32,
 }
 
 /// Why there is no map.
@@ -36,20 +35,11 @@ pub enum PoseMapError {
 }
 
 impl PoseMap {
-    /// The map through `values` at `examples`; examples in one place get their mean value. O(m³ + m² d) for m examples of d values.
+    /// The map through `values` at `examples`: of l + 1 of them that span l coordinates, the affine one. Examples in one place get their mean value. O(m³ + m² d) for m examples of d values.
     ///
     /// # Errors
     /// No examples, rows of different lengths, values that are not finite.
     pub fn new(examples: &[Vec<f64>], values: &[&[f64]]) -> Result<Self, PoseMapError> {
-        Self::with(examples, values, 1)
-    }
-
-    /// Cubic.
-    pub fn cubic(examples: &[Vec<f64>], values: &[&[f64]]) -> Result<Self, PoseMapError> {
-        Self::with(examples, values, 3)
-    }
-
-    fn with(examples: &[Vec<f64>], values: &[&[f64]], power: i32) -> Result<Self, PoseMapError> {
         let first = examples.first().ok_or(PoseMapError::Empty)?;
         let (m, l, d) = (examples.len(), first.len(), values.first().map_or(0, |v| v.len()));
         if values.len() != m || examples.iter().any(|e| e.len() != l) || values.iter().any(|v| v.len() != d) {
@@ -61,16 +51,16 @@ impl PoseMap {
         }
         let (apart, means) = merged(examples, values, d);
         let m = apart.len();
-        let affine = if m > l + 1 { l + 1 } else { 1 };
-        let weights = solved(&apart, &means, affine, power).or_else(|| solved(&apart, &means, 1, power));
+        let affine = if m > l { l + 1 } else { 1 };
+        let weights = solved(&apart, &means, affine).or_else(|| solved(&apart, &means, 1));
         let weights = weights.unwrap_or_else(|| mean_alone(&means, m));
         let affine = weights.nrows() - m;
-        Ok(Self { examples: apart, weights, affine, power })
+        Ok(Self { examples: apart, weights, affine })
     }
 
     /// The values at `coordinates`.
     pub fn at(&self, coordinates: &[f64]) -> Vec<f64> {
-        let row = row(&self.examples, coordinates, self.affine, self.power);
+        let row = row(&self.examples, coordinates, self.affine);
         (0..self.weights.ncols()).map(|k| self.weights.column(k).dot(&row)).collect()
     }
 }
@@ -80,8 +70,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Distances to the examples, then 1 and the coordinates.
-fn row(examples: &[Vec<f64>], at: &[f64], affine: usize, power: i32) -> DVector<f64> {
-    let near = examples.iter().map(|e| distance(e, at).powi(power));
+fn row(examples: &[Vec<f64>], at: &[f64], affine: usize) -> DVector<f64> {
+    let near = examples.iter().map(|e| distance(e, at));
     let rest = [1.0].into_iter().chain(at.iter().copied()).take(affine);
     DVector::from_iterator(examples.len() + affine, near.chain(rest))
 }
@@ -105,11 +95,11 @@ fn merged(examples: &[Vec<f64>], values: &[&[f64]], d: usize) -> (Vec<Vec<f64>>,
 }
 
 /// The weights of the spline with so many affine terms; `None` where they are not determined.
-fn solved(examples: &[Vec<f64>], values: &DMatrix<f64>, affine: usize, power: i32) -> Option<DMatrix<f64>> {
+fn solved(examples: &[Vec<f64>], values: &DMatrix<f64>, affine: usize) -> Option<DMatrix<f64>> {
     let m = examples.len();
     let mut system = DMatrix::zeros(m + affine, m + affine);
     for (i, e) in examples.iter().enumerate() {
-        let row = row(examples, e, affine, power);
+        let row = row(examples, e, affine);
         system.row_mut(i).copy_from(&row.transpose());
         (0..affine).for_each(|k| system[(m + k, i)] = row[m + k]);
     }
@@ -117,7 +107,7 @@ fn solved(examples: &[Vec<f64>], values: &DMatrix<f64>, affine: usize, power: i3
     right.rows_mut(0, m).copy_from(values);
     let found = system.lu().solve(&right)?;
     let size = values.amax().max(f64::MIN_POSITIVE);
-    let rebuilt = |i: usize| (row(examples, &examples[i], affine, power).transpose() * &found - values.row(i)).amax();
+    let rebuilt = |i: usize| (row(examples, &examples[i], affine).transpose() * &found - values.row(i)).amax();
     (found.iter().all(|v| v.is_finite()) && (0..m).all(|i| rebuilt(i) <= 1e-6 * size)).then_some(found)
 }
 

@@ -17,7 +17,7 @@ use pegbar_engine::Node;
 use pegbar_engine::node::{AnySequence, Context, In, NodeError, Problem, Whole};
 use pegbar_engine::value::TimeMap;
 
-use super::{Moved, Motion, drawings, filter};
+use super::{Motion, Moved, drawings, filter};
 use crate::algo::motion::Kind;
 use crate::algo::motion::cartoon::anticipate;
 use crate::algo::motion::exaggerate::rebound;
@@ -59,7 +59,7 @@ pub(crate) struct MotionAnticipate {
     /// Drawings that are held: each is filtered once, and held on.
     holds: Option<In<TimeMap>>,
     /// Least and largest weight, which the weights are brought back to.
-    #[input(default = [-0.5, 1.5], range = -1000.0..=1000.0)]
+    #[input(default = (-0.5, 1.5), range = -1000.0..=1000.0)]
     weight_bounds: [f64; 2],
     /// The point of the reference about which an affine motion turns and squashes: a hip, a foot. The point that moves least where it is left out.
     #[input(default = None, unit = "px")]

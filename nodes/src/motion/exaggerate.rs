@@ -15,7 +15,7 @@
 use pegbar_engine::node::{AnySequence, Context, NodeError, Problem, Whole};
 use pegbar_engine::{Node, Setting};
 
-use super::{Moved, Motion, refused};
+use super::{Motion, Moved, refused};
 use crate::algo::motion::exaggerate::{Amounts, Rest, exaggerate};
 
 /// What poses are measured from.
@@ -67,7 +67,7 @@ pub(crate) struct MotionExaggerate {
     #[input(default = None)]
     rest: Option<i64>,
     /// Least and largest weight, which exaggerated weights are brought back to.
-    #[input(default = [-0.5, 1.5], range = -1000.0..=1000.0)]
+    #[input(default = (-0.5, 1.5), range = -1000.0..=1000.0)]
     weight_bounds: [f64; 2],
     /// The point of the reference about which an affine motion turns and squashes: a hip, a foot. The point that moves least where it is left out.
     #[input(default = None, unit = "px")]

@@ -17,7 +17,7 @@ use pegbar_engine::Node;
 use pegbar_engine::node::{AnySequence, Context, In, NodeError, Whole};
 use pegbar_engine::value::TimeMap;
 
-use super::{Moved, Motion, drawings, filter};
+use super::{Motion, Moved, drawings, filter};
 use crate::algo::motion::Kind;
 use crate::algo::motion::cartoon::spring;
 

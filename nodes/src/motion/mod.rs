@@ -57,7 +57,10 @@ fn refused(error: impl std::fmt::Display) -> NodeError {
 }
 
 fn all<T: Value>(values: &[ValueRef]) -> Result<Vec<Arc<T>>, NodeError> {
-    values.iter().map(|v| downcast(v.clone()).map_err(|_| refused(format!("expected {} throughout, found {}", T::NAME, v.type_name())))).collect()
+    values
+        .iter()
+        .map(|v| downcast(v.clone()).ok_or_else(|| refused(format!("expected {} throughout, found {}", T::NAME, v.type_name()))))
+        .collect()
 }
 
 /// Curves of rows of as many finite numbers each.

@@ -45,7 +45,7 @@ pub(crate) struct Pins(Vec<Pin>);
 
 impl Setting for Pins {
     fn type_name() -> String {
-        "list of pins (frames: (first, last), point: (x, y) or index: n, at: (x, y))".to_owned()
+        "list of pins".to_owned()
     }
     fn parse(text: &str) -> Result<Self, SettingError> {
         let found: Result<Vec<Pin>, _> = parse_slice(text, Extensions::empty());

@@ -36,6 +36,17 @@ pub(crate) enum Search {
     Whole,
 }
 
+impl Search {
+    pub(super) fn within(self, radius: f64) -> algo::Search {
+        match self {
+            Self::Auto => algo::Search::Auto,
+            Self::None => algo::Search::None,
+            Self::Radius => algo::Search::Radius(radius),
+            Self::Whole => algo::Search::Whole,
+        }
+    }
+}
+
 /// Follows a region of the footage with an affine motion.
 ///
 /// The region is a matte, a box, or the whole picture at the `reference` frame; the motion takes the reference to each frame. Frames before the
@@ -148,7 +159,7 @@ fn refused(error: TrackError) -> NodeError {
     NodeError::input(error.to_string())
 }
 
-fn code(status: Status) -> f64 {
+pub(super) fn code(status: Status) -> f64 {
     match status {
         Status::Converged => 0.0,
         Status::Unfinished => 1.0,
@@ -171,12 +182,7 @@ impl TrackAffine {
             model: self.model,
             guess: self.start,
             velocity: self.velocity,
-            search: match self.search {
-                Search::Auto => algo::Search::Auto,
-                Search::None => algo::Search::None,
-                Search::Radius => algo::Search::Radius(self.search_radius),
-                Search::Whole => algo::Search::Whole,
-            },
+            search: self.search.within(self.search_radius),
             tolerance: self.tolerance,
             tone: self.tone,
             gain: self.gain,
@@ -201,9 +207,8 @@ impl TrackAffine {
     }
 }
 
-/// The box of the template under a motion.
-fn outline(template: &Template, motion: &Affine) -> Shape {
-    let [left, top, right, bottom] = template.bounds();
+/// A box under a motion.
+pub(super) fn outline([left, top, right, bottom]: [f64; 4], motion: &Affine) -> Shape {
     let corners = [[left, top], [right, top], [right, bottom], [left, bottom]];
     Shape { points: corners.map(|c| apply(motion, c.into()).into()).to_vec(), closed: true }
 }
@@ -219,7 +224,7 @@ fn outputs(template: &Template, track: &Track) -> TrackAffineOutputs {
         dissimilarity: curve(track.dissimilarity),
         overlap: curve(track.overlap),
         status: curve(code(track.status)),
-        outline: outline(template, &track.motion),
+        outline: outline(template.bounds(), &track.motion),
     }
 }
 

@@ -68,7 +68,7 @@ pub(crate) struct TrackEigen {
     #[input(default = geman_mcclure)]
     robust: Robust,
     /// Bend of the robust weights, in robust standard deviations. Small rejects more, large is closer to least squares.
-    #[input(default = 8.0, range = 0.5..=100.0)]
+    #[input(default = 2.0, range = 0.5..=100.0)]
     cut: f64,
     /// Motions that are allowed.
     #[input(default = affine)]
@@ -206,20 +206,21 @@ impl TrackEigen {
         let Some(keys) = &self.keys else { return Ok(None) };
         let shapes = contours(keys);
         let (l, m) = (self.basis.variances.len(), self.basis.coordinates.len());
-        let spanning = shapes.len() == l + 1;
         let examples: Vec<Vec<f64>> = if shapes.len() == m {
             self.basis.coordinates.clone()
-        } else if spanning {
+        } else if shapes.len() == l + 1 {
             let reach = self.basis.reach();
             let unit = |i: usize| (0..l).map(|k| if k == i { reach[k] } else { 0.0 }).collect();
             (0..=l).map(unit).collect()
         } else {
             let found = shapes.len();
-            return Err(NodeError::input(format!("keys: expected {m} contours, one for each picture, or the {} of the space, found {found}", l + 1)));
+            return Err(NodeError::input(format!(
+                "keys: expected {m} contours, one for each picture, or the {} of the space, found {found}",
+                l + 1
+            )));
         };
         let views: Vec<&[f64]> = shapes.iter().map(|s| s.as_flattened()).collect();
-        let map = if spanning && shapes.len() != m { PoseMap::linear(&examples, &views) } else { PoseMap::new(&examples, &views) };
-        map.map(Some).map_err(|e| NodeError::input(format!("keys: {e}")))
+        PoseMap::new(&examples, &views).map(Some).map_err(|e| NodeError::input(format!("keys: {e}")))
     }
 
     fn first(&self, cx: &Context) -> i64 {
@@ -263,7 +264,8 @@ impl Recurrent for TrackEigen {
             None => self.ready()?,
         };
         let affine = |m: &[[f64; 3]; 2]| Affine::from(&Affine2 { matrix: *m });
-        let begin = || EigenStart { last: self.place.as_deref().map_or_else(crate::algo::raster::identity, Affine::from), ..EigenStart::default() };
+        let begin =
+            || EigenStart { last: self.place.as_deref().map_or_else(crate::algo::raster::identity, Affine::from), ..EigenStart::default() };
         let start = state.map_or_else(begin, |s| {
             let before = s.before.as_flattened().iter().all(|v| v.is_finite()).then(|| affine(&s.before));
             EigenStart { last: affine(&s.last), before, coefficients: s.coefficients.clone() }
@@ -288,9 +290,5 @@ impl Recurrent for TrackEigen {
             std::cmp::Ordering::Equal => None,
             std::cmp::Ordering::Greater => Some(cx.frame - 1),
         }
-    }
-
-    fn check(&self) -> Vec<pegbar_engine::node::Problem> {
-        Vec::new()
     }
 }

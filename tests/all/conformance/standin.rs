@@ -175,6 +175,7 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
         ("list of triples of numbers", _) => texts(&["[(0.4, 0.5, 0.6)]", "[(0.1, 0.2, 0.3)]"]),
         ("list of four numbers each", _) => texts(&["[(0.4, 0.5, 0.6, 1.0)]", "[(0.1, 0.2, 0.3, 1.0)]"]),
         ("list of lists of numbers", _) => texts(&["[[1.0, 0.0], [0.25, 0.75]]", "[[1.0], [1.0]]"]),
+        ("list of pins", _) => texts(&["[(frames: (1, 2), point: (0.25, 0.75))]", "[(frames: (2, 3), point: (0.5, 0.5), at: (1.0, 1.0))]"]),
         ("list of texts", _) => texts(&["[\"R\"]", "[\"G\"]"]),
         ("text", _) => texts(&["\"a\"", "\"b\""]),
         ("clock", _) => texts(&["\"frames\"", "\"other\""]),

@@ -34,7 +34,13 @@ impl Smooth {
             let stands_out = |i: usize| {
                 let all = found.iter().zip(&jitter).map(|(x, s)| {
                     let j = jerk(x, i).abs();
-                    if *s > 0.0 { j / s } else if j > 0.0 { f64::INFINITY } else { 0.0 }
+                    if *s > 0.0 {
+                        j / s
+                    } else if j > 0.0 {
+                        f64::INFINITY
+                    } else {
+                        0.0
+                    }
                 });
                 all.fold(0.0f64, f64::max)
             };

@@ -65,6 +65,9 @@ const LARGEST: f32 = 65504.0;
 const TOE: f32 = 0.0016;
 const TOE_ROOT: f32 = 0.04;
 
+/// Matte under which a pixel shows the ground alone.
+const FREE: f32 = 0.05;
+
 /// One sample as the tracker sees it.
 #[inline(always)]
 pub(crate) fn toned(x: f32, tone: Tone) -> f32 {
@@ -116,8 +119,10 @@ pub(super) fn crop(picture: Raster, channels: &[usize], window: Window, tone: To
             let row = &picture.row(y)[x0 * stride + c..];
             if let Some(key) = key.filter(|k| k.premultiplied) {
                 let behind = key.behind.get(c).copied().unwrap_or(0.0);
-                for ((o, px), &m) in out.iter_mut().zip(row.chunks(stride)).zip(&key.matte[y * pw + x0..]) {
-                    *o = toned(unit(m) * px[0], tone) + (1.0 - unit(m)) * behind;
+                for (i, ((o, px), &m)) in out.iter_mut().zip(row.chunks(stride)).zip(&key.matte[y * pw + x0..]).enumerate() {
+                    let m = unit(m);
+                    let own = if m > 0.0 && m < 1.0 { covered(&picture, key.matte, c, [x0 + i, y], m) } else { m * px[0] };
+                    *o = toned(own, tone) + (1.0 - m) * behind;
                 }
                 return;
             }
@@ -139,6 +144,23 @@ pub(super) fn crop(picture: Raster, channels: &[usize], window: Window, tone: To
     }
     let (width, height) = ((window.x1 - window.x0) as usize, (window.y1 - window.y0) as usize);
     Planes { width, height, origin: [window.x0 as f64, window.y0 as f64], step: 1.0, data }
+}
+
+/// What the layer itself has of a pixel that it covers by `m`: the pixel less its share of the ground, which is taken from the free pixels around it.
+///
+/// Where none is free, as in the inside of a soft matte, the pixel is taken to be all the layer's.
+fn covered(picture: &Raster, matte: &[f32], c: usize, [x, y]: [usize; 2], m: f32) -> f32 {
+    let (mut sum, mut n) = (0.0f32, 0.0f32);
+    for v in y.saturating_sub(2)..(y + 3).min(picture.height) {
+        for u in x.saturating_sub(2)..(x + 3).min(picture.width) {
+            if unit(matte[v * picture.width + u]) < FREE {
+                sum += picture.data[(v * picture.width + u) * picture.channels + c];
+                n += 1.0;
+            }
+        }
+    }
+    let own = picture.data[(y * picture.width + x) * picture.channels + c];
+    if n > 0.0 { (own - (1.0 - m) * sum / n).max(0.0) } else { m * own }
 }
 
 /// A matte sample cut to 0..=1; not-a-number counts as outside.

@@ -113,7 +113,9 @@ impl Run<'_> {
         let coarsest = self.levels[top].step;
         let first = guesses[0];
         let margin = (2.0 + 2.0 * options.sigma) * coarsest;
-        let Some((window, mut all)) = self.cut.planes(&self.view, guesses, margin + how.radius) else { return failed(first, Status::OffFrame) };
+        let Some((window, mut all)) = self.cut.planes(&self.view, guesses, margin + how.radius) else {
+            return failed(first, Status::OffFrame);
+        };
         if !has_finite(self.view.frame, window) {
             return failed(first, Status::NotFinite);
         }

@@ -147,7 +147,9 @@ pub enum EigenError {
         found: usize,
     },
     /// A matte for pictures without alpha.
-    #[error("expected pictures with alpha where the footage has a matte, found none: make the space of keyed pictures, or leave the matte out")]
+    #[error(
+        "expected pictures with alpha where the footage has a matte, found none: make the space of keyed pictures, or leave the matte out"
+    )]
     NoAlpha,
     /// An option out of range.
     #[error("expected {name} from {low} to {high}, found {found}")]
@@ -259,13 +261,18 @@ impl EigenTemplate {
     }
 
     /// The levels that have enough pixels, finest first; at least the finest.
-    fn spaces(&self, pictures: &[Vec<Planes>], cover: &[Vec<Planes>], masks: &[Planes], weight: impl Fn(&Planes) -> Vec<f32>) -> Vec<Space> {
+    fn spaces(
+        &self,
+        pictures: &[Vec<Planes>],
+        cover: &[Vec<Planes>],
+        masks: &[Planes],
+        weight: impl Fn(&Planes) -> Vec<f32>,
+    ) -> Vec<Space> {
         let mut out: Vec<Space> = Vec::new();
         for (l, mask) in masks.iter().enumerate() {
             let at = |all: &[Vec<Planes>]| all.iter().map(|p| p[l].clone()).collect::<Vec<_>>();
             let (pictures, cover, weight) = (at(pictures), at(cover), weight(mask));
-            let layers =
-                Layers { pictures: &pictures, cover: &cover, weight: &weight, variances: &self.variances, most: self.how.pixels };
+            let layers = Layers { pictures: &pictures, cover: &cover, weight: &weight, variances: &self.variances, most: self.how.pixels };
             let Some(space) = Space::new(&layers, self.options.sigma, self.centre, self.scale) else { break };
             if !out.is_empty() && space.mean.total() < 60.0 {
                 break;
@@ -417,9 +424,7 @@ impl Canvas {
         let of = if picture == 0 { p.mean } else { &p.components[(picture - 1) * d..picture * d] };
         let base = if picture == 0 { 1.0 } else { 0.0 };
         let data = layers.iter().map(|layer| match (*layer, p.alpha) {
-            (Layer::Alpha(gain), alpha) => {
-                self.plane(p, |i| alpha.map_or(base, |a| of[i * p.channels + a]) * gain, alpha.map(|_| 0.0))
-            }
+            (Layer::Alpha(gain), alpha) => self.plane(p, |i| alpha.map_or(base, |a| of[i * p.channels + a]) * gain, alpha.map(|_| 0.0)),
             (Layer::Colour(c), None) => self.plane(p, |i| of[i * p.channels + c], None),
             (Layer::Colour(c), Some(a)) => {
                 let back = f64::from(behind[c]);

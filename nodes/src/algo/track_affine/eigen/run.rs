@@ -17,6 +17,8 @@ use crate::algo::raster::{Affine, Raster, apply, identity};
 const REFINED: usize = 3;
 /// Iterations for the pose of a start whose motion is held.
 const POSING: usize = 2;
+/// How much further out the robust weights bend for the last pose: coefficients are of the whole picture, and those of its best parts are others.
+const FORGIVING: f64 = 6.0;
 /// Largest coefficient, in standard deviations over the examples.
 const FARTHEST: f64 = 6.0;
 /// Visibility under which a direction is held where it started: what the pose can show as well is not unseen.
@@ -246,6 +248,8 @@ impl Run<'_> {
                 return EigenTrack { iterations: self.iterations, ..failed(&guesses.all[0], at.status) };
             }
         }
+        let fine = if top == 0 { coarse } else { smoothed(&all[0], window_of(moved_bounds(&at.place.motion, bounds), 6.0), &taps) };
+        at.place = self.posed(0, &fine, at.place, FORGIVING);
         self.report(at, margin_of_fit)
     }
 
@@ -292,7 +296,7 @@ impl Run<'_> {
         let dues = |m: &Affine| CALM * unrest(m, &guesses.expected);
         let mut tried: Vec<(f64, Place)> = Vec::new();
         for start in starts {
-            let posed = self.posed(frame, start);
+            let posed = self.posed(top, frame, start, 1.0);
             tried.push((self.cost(frame, &posed) + dues(&posed.motion), posed));
         }
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -329,9 +333,7 @@ impl Run<'_> {
     /// The best few that are well apart in place or in pose.
     fn pick(&self, tried: Vec<(f64, Place)>, apart: f64) -> Vec<Place> {
         let t = self.template;
-        let far = |a: &[f64], b: &[f64]| {
-            a.iter().zip(b).zip(&t.variances).any(|((a, b), v)| (a - b) * (a - b) > 0.25 * v)
-        };
+        let far = |a: &[f64], b: &[f64]| a.iter().zip(b).zip(&t.variances).any(|((a, b), v)| (a - b) * (a - b) > 0.25 * v);
         let mut picked: Vec<Place> = Vec::new();
         for (_, p) in tried {
             let apart = |q: &Place| distance(&q.motion, &p.motion, t.bounds) > apart || far(&q.pose, &p.pose);
@@ -342,14 +344,13 @@ impl Run<'_> {
         picked
     }
 
-    /// The pose of a start whose motion is held.
-    fn posed(&mut self, frame: &Planes, mut place: Place) -> Place {
-        let top = self.spaces.len() - 1;
+    /// The pose of a place whose motion is held, its robust weights bent `forgiving` times as far out.
+    fn posed(&mut self, l: usize, frame: &Planes, mut place: Place, forgiving: f64) -> Place {
         for _ in 0..POSING {
-            if self.compare(top, frame, &place, false) < LEAST_OVERLAP {
+            if self.compare(l, frame, &place, false) < LEAST_OVERLAP {
                 break;
             }
-            let Some((_, system, right)) = self.linearised(top, 1.0, None, &place) else { break };
+            let Some((_, system, right)) = self.linearised(l, 1.0, None, &place, forgiving) else { break };
             let step = system.pose(&right, &Vector6::zeros());
             self.advance(&mut place.pose, &step, 1.0);
         }
@@ -357,10 +358,17 @@ impl Run<'_> {
     }
 
     /// The equations at the last comparison: with `kept`, its left sides are used again.
-    fn linearised(&mut self, l: usize, overlap: f64, kept: Option<System>, place: &Place) -> Option<((Fit, Sums), System, DVector<f64>)> {
+    fn linearised(
+        &mut self,
+        l: usize,
+        overlap: f64,
+        kept: Option<System>,
+        place: &Place,
+        forgiving: f64,
+    ) -> Option<((Fit, Sums), System, DVector<f64>)> {
         let (t, level, space) = (self.template, &self.shown[l], &self.spaces[l]);
         let fit = level.fit(overlap, &mut self.scratch);
-        let sums = level.sums(&fit, &t.options, &mut self.scratch);
+        let sums = level.sums(&Fit { scale: fit.scale * forgiving, ..fit }, &t.options, &mut self.scratch);
         let mut right = space.right(&self.scratch, &mut self.pulled);
         let noise = fit.scale.max(LEAST_SCALE * level.contrast);
         let system = match kept {
@@ -392,8 +400,7 @@ impl Run<'_> {
         let options = &t.options;
         let tolerance = if l == 0 { options.tolerance } else { options.tolerance.max(0.04 * self.spaces[l].mean.step) };
         let most = if l == 0 { options.iterations } else { options.iterations.min(COARSE_ITERATIONS) };
-        let mut at =
-            Refined { place: start.clone(), anchor, status: Status::Unfinished, fit: Fit::default(), condition: f64::NAN };
+        let mut at = Refined { place: start.clone(), anchor, status: Status::Unfinished, fit: Fit::default(), condition: f64::NAN };
         let back = |status, at: &Refined| Refined { place: start.clone(), status, ..at.clone() };
         let (mut kept, mut share, mut before, mut slow) = (None, 1.0, f64::INFINITY, false);
         for iteration in 0..most {
@@ -406,7 +413,7 @@ impl Run<'_> {
             if fresh {
                 kept = None;
             }
-            let Some(((fit, sums), system, right)) = self.linearised(l, overlap, kept.take(), &at.place) else {
+            let Some(((fit, sums), system, right)) = self.linearised(l, overlap, kept.take(), &at.place, 1.0) else {
                 return back(Status::Textureless, &at);
             };
             at.fit = fit;

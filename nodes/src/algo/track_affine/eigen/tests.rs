@@ -1,13 +1,15 @@
 //! A drawn character whose arms and ear move over a painted ground, with known motion and pose.
 
+use std::sync::OnceLock;
+
 use nalgebra::{Matrix2, Vector2};
 
 use super::super::scene::Random;
-use super::super::Template;
+use super::super::{Region, Start, Template};
 use super::*;
 use crate::algo::pca::{Keep, Space as Spanned, pca};
 use crate::algo::pose_map::PoseMap;
-use crate::algo::raster::{apply, invert};
+use crate::algo::raster::{apply, compose, invert};
 
 /// Where the character's belly is in its pictures.
 const CENTRE: [f64; 2] = [100.0, 110.0];
@@ -98,8 +100,9 @@ fn frame(size: (usize, usize), motion: &Affine, pose: &Pose, grain: f64, seed: u
         let (cover, sum) = pixel(i % size.0, i / size.0, &back, pose);
         let behind = ground((i % size.0) as f64, (i / size.0) as f64);
         for c in 0..3 {
-            let display = (behind[c] * (1.0 - cover) + sum[c] + grain * rng.normal()).max(0.0);
-            rgb.push((display * display) as f32);
+            let own = if cover > 0.0 { sum[c] * sum[c] / cover } else { 0.0 };
+            let display = libm::sqrt(behind[c] * behind[c] * (1.0 - cover) + own) + grain * rng.normal();
+            rgb.push((display.max(0.0) * display.max(0.0)) as f32);
         }
         matte.push(cover as f32);
     }
@@ -139,7 +142,6 @@ struct Cast {
     space: Spanned,
     flat: Vec<f64>,
     map: PoseMap,
-    cubic: PoseMap,
 }
 
 fn cast(components: usize) -> Cast {
@@ -149,8 +151,7 @@ fn cast(components: usize) -> Cast {
     let space = pca(&views, PICTURE.0 * PICTURE.1, Keep::Components(components)).unwrap();
     let shapes: Vec<Vec<f64>> = poses.iter().map(|p| shape(p).concat()).collect();
     let map = PoseMap::new(&space.coordinates, &shapes.iter().map(Vec::as_slice).collect::<Vec<_>>()).unwrap();
-    let cubic = PoseMap::cubic(&space.coordinates, &shapes.iter().map(Vec::as_slice).collect::<Vec<_>>()).unwrap();
-    Cast { cubic, flat: space.components.concat(), space, map }
+    Cast { flat: space.components.concat(), space, map }
 }
 
 impl Cast {
@@ -188,79 +189,138 @@ fn dance(k: usize) -> (Affine, Pose) {
 const SIZE: (usize, usize) = (320, 240);
 
 fn rms(found: &Affine, points: &[[f64; 2]], truth: &Affine, pose: &Pose) -> f64 {
-    let square: f64 = points.iter().zip(shape(pose)).map(|(f, t)| (apply(found, (*f).into()) - apply(truth, t.into())).norm_squared()).sum();
+    let square: f64 =
+        points.iter().zip(shape(pose)).map(|(f, t)| (apply(found, (*f).into()) - apply(truth, t.into())).norm_squared()).sum();
     libm::sqrt(square / points.len() as f64)
 }
 
+/// The space of ten components, made once.
+fn ten() -> &'static Cast {
+    static CAST: OnceLock<Cast> = OnceLock::new();
+    CAST.get_or_init(|| cast(10))
+}
 
-#[test]
-fn experiment() {
-    let n = 12;
-    let frames: Vec<(Vec<f32>, Vec<f32>)> = (0..n).map(|k| frame(SIZE, &dance(2 * k).0, &dance(2 * k).1, 0.008, 100 + k as u64)).collect();
-    for components in [10, 14] {
-        let cast = cast(components);
-        let mut direct = [0.0; 2];
-        for k in 0..n {
-            let pose = dance(2 * k).1;
-            let p = picture(&pose);
-            let c: Vec<f64> = cast.space.components.iter().map(|e| e.iter().zip(&p).zip(&cast.space.mean).map(|((e, p), m)| e * (p - m)).sum()).collect();
-            direct[0] += rms(&identity(), &cast.shape(&c), &identity(), &pose) / n as f64;
-            direct[1] += rms(&identity(), cast.cubic.at(&c).as_chunks().0, &identity(), &pose) / n as f64;
-        }
-        println!("components {components}: projection {direct:?}");
-        for (name, options) in [
-            ("cut 4", Options::default()),
-            ("cut 8", Options { cut: 8.0, ..Options::default() }),
-            ("cut 20", Options { cut: 20.0, ..Options::default() }),
-            ("huber 4", Options { robust: super::super::Robust::Huber, ..Options::default() }),
-            ("none", Options { robust: super::super::Robust::None, ..Options::default() }),
-        ] {
-            for prior in [0.0, 1.0] {
-                let template = EigenTemplate::new(&cast.pictures(), &options, &EigenOptions { prior, ..EigenOptions::default() }).unwrap();
-                let mut start = EigenStart::default();
-                let (mut own, mut body, mut cubic, mut its) = (0.0, 0.0, 0.0, 0);
-                for k in 0..n {
-                    let (motion, pose) = dance(2 * k);
-                    let (rgb, matte) = &frames[k];
-                    let track = template.track(Raster::new(rgb, SIZE.0, SIZE.1, 3).unwrap(), Some(matte), &start).unwrap();
-                    own += rms(&track.motion, &cast.shape(&track.coefficients), &motion, &pose) / n as f64;
-                    cubic += rms(&track.motion, cast.cubic.at(&track.coefficients).as_chunks().0, &motion, &pose) / n as f64;
-                    body += rms(&track.motion, &shape(&pose), &motion, &pose) / n as f64;
-                    its = its.max(track.iterations);
-                    start = EigenStart { before: None, last: track.motion, coefficients: track.coefficients };
-                }
-                println!("{components} {name} prior {prior}: shape {own:.3} cubic {cubic:.3} motion alone {body:.3} its {its}");
-            }
-        }
-    }
+fn raster(rgb: &[f32]) -> Raster<'_> {
+    Raster::new(rgb, SIZE.0, SIZE.1, 3).unwrap()
+}
+
+fn template() -> EigenTemplate {
+    EigenTemplate::new(&ten().pictures(), &Options { cut: 2.0, ..Options::default() }, &EigenOptions::default()).unwrap()
+}
+
+/// Root mean square over frames.
+fn together(v: &[f64]) -> f64 {
+    libm::sqrt(v.iter().map(|x| x * x).sum::<f64>() / v.len() as f64)
 }
 
 #[test]
 fn a_dance_is_followed_in_place_and_pose() {
-    let cast = cast(10);
-    let options = Options::default();
-    let template = EigenTemplate::new(&cast.pictures(), &options, &EigenOptions::default()).unwrap();
+    let (cast, template, options) = (ten(), template(), Options::default());
     let (first, first_matte) = frame(SIZE, &dance(0).0, &dance(0).1, 0.008, 5);
-    let affine = Template::new(Raster::new(&first, SIZE.0, SIZE.1, 3).unwrap(), super::super::Region::Matte(&first_matte), &options).unwrap();
-    let (mut start, mut affine_start) = (EigenStart::default(), super::super::Start::default());
+    let affine = Template::new(raster(&first), Region::Matte(&first_matte), &options).unwrap();
+    let (mut start, mut affine_start) = (EigenStart::default(), Start::default());
     let (mut own, mut other, mut converged) = (Vec::new(), Vec::new(), 0);
-    let n = 24;
+    let n = 20;
     for k in 0..n {
         let (motion, pose) = dance(k);
         let (rgb, matte) = frame(SIZE, &motion, &pose, 0.008, 100 + k as u64);
-        let raster = Raster::new(&rgb, SIZE.0, SIZE.1, 3).unwrap();
-        let track = template.track(raster, Some(&matte), &start).unwrap();
+        let track = template.track(raster(&rgb), Some(&matte), &start).unwrap();
         own.push(rms(&track.motion, &cast.shape(&track.coefficients), &motion, &pose));
         converged += usize::from(track.is_converged() && track.iterations <= 40);
-        let by_affine = affine.track(raster, Some(&matte), &affine_start).unwrap();
-        let m = crate::algo::raster::compose(&by_affine.motion, &dance(0).0);
-        other.push(rms(&m, &shape(&dance(0).1), &motion, &pose));
-        println!("{k}: {:.3} affine {:.3} {:?} {} dis {:.3} res {:.4} cond {:.1} margin {:.3}", own[k], other[k], track.status, track.iterations, track.dissimilarity, track.residual, track.condition, track.margin);
+        let by_affine = affine.track(raster(&rgb), Some(&matte), &affine_start).unwrap();
+        other.push(rms(&compose(&by_affine.motion, &dance(0).0), &shape(&dance(0).1), &motion, &pose));
         start = EigenStart { before: (k > 0).then_some(start.last), last: track.motion, coefficients: track.coefficients };
-        affine_start = super::super::Start { before: (k > 0).then_some(affine_start.last), last: by_affine.motion };
+        affine_start = Start { before: (k > 0).then_some(affine_start.last), last: by_affine.motion };
     }
-    let mean = |v: &[f64]| libm::sqrt(v.iter().map(|x| x * x).sum::<f64>() / v.len() as f64);
-    println!("mean {:.3} affine {:.3} converged {converged}", mean(&own), mean(&other));
-    assert!(mean(&own) < 0.5 && mean(&other) > 3.0 * mean(&own), "{} {}", mean(&own), mean(&other));
+    assert!(together(&own) < 0.5 && together(&other) > 3.0 * together(&own), "{} {}: {own:?}", together(&own), together(&other));
     assert!(converged * 20 >= n * 19, "{converged} of {n} converged");
+}
+
+#[test]
+fn a_pose_is_found_from_any_other_and_without_a_start() {
+    let (cast, template) = (ten(), template());
+    for (k, from) in [(3, 8), (8, 3), (12, 1), (5, 5)] {
+        let (motion, pose) = dance(k);
+        let (rgb, matte) = frame(SIZE, &motion, &pose, 0.008, k as u64);
+        let before = frame(SIZE, &dance(from).0, &dance(from).1, 0.008, 50);
+        let start = template.track(raster(&before.0), Some(&before.1), &EigenStart::default()).unwrap();
+        let start = EigenStart { before: None, last: start.motion, coefficients: start.coefficients };
+        for start in [start, EigenStart::default()] {
+            let track = template.track(raster(&rgb), Some(&matte), &start).unwrap();
+            let off = rms(&track.motion, &cast.shape(&track.coefficients), &motion, &pose);
+            assert!(off < 1.0, "{from} to {k}: {off} px, {track:?}");
+        }
+    }
+}
+
+#[test]
+fn without_a_matte_the_colours_do() {
+    let (cast, template) = (ten(), template());
+    let mut start = EigenStart { last: dance(0).0, ..EigenStart::default() };
+    let mut own = Vec::new();
+    for k in 0..6 {
+        let (motion, pose) = dance(k);
+        let (rgb, _) = frame(SIZE, &motion, &pose, 0.008, k as u64);
+        let track = template.track(raster(&rgb), None, &start).unwrap();
+        own.push(rms(&track.motion, &cast.shape(&track.coefficients), &motion, &pose));
+        start = EigenStart { before: (k > 0).then_some(start.last), last: track.motion, coefficients: track.coefficients };
+    }
+    assert!(together(&own) < 1.5, "{own:?}");
+}
+
+#[test]
+fn a_space_without_components_is_one_picture() {
+    let picture = picture(&dance(2).1);
+    let pictures = Pictures { mean: &picture, components: &[], variances: &[], examples: &[], ..ten().pictures() };
+    let template = EigenTemplate::new(&pictures, &Options::default(), &EigenOptions::default()).unwrap();
+    let (motion, pose) = dance(2);
+    let (rgb, matte) = frame(SIZE, &motion, &pose, 0.008, 3);
+    let track = template.track(raster(&rgb), Some(&matte), &EigenStart::default()).unwrap();
+    let off = rms(&track.motion, &shape(&pose), &motion, &pose);
+    assert!(track.is_converged() && track.coefficients.is_empty() && off < 0.25, "{off} px {track:?}");
+}
+
+#[test]
+fn degenerate_frames_have_a_status() {
+    let template = template();
+    let go = |rgb: &[f32], matte: Option<&[f32]>, start: &EigenStart| template.track(raster(rgb), matte, start).unwrap();
+    let pixels = SIZE.0 * SIZE.1;
+    let start = EigenStart::default();
+    assert_eq!(go(&vec![f32::NAN; pixels * 3], None, &start).status, Status::NotFinite);
+    assert!(!go(&vec![0.4; pixels * 3], None, &start).is_converged());
+    assert!(!go(&vec![0.4; pixels * 3], Some(&vec![0.0; pixels]), &start).is_converged());
+    let gone = EigenStart { last: Affine::new(1.0, 0.0, 4000.0, 0.0, 1.0, 0.0), ..EigenStart::default() };
+    assert_eq!(go(&vec![0.4; pixels * 3], None, &gone).status, Status::OffFrame);
+    let wild = EigenStart { last: Affine::from_element(f64::NAN), before: Some(Affine::zeros()), coefficients: vec![f64::NAN; 10] };
+    let (rgb, matte) = frame(SIZE, &dance(1).0, &dance(1).1, 0.0, 1);
+    let track = go(&rgb, Some(&matte), &wild);
+    assert!(track.motion.iter().chain(&track.coefficients).all(|v| v.is_finite()), "{track:?}");
+}
+
+#[test]
+fn wrong_input_is_told_in_words() {
+    let told = |p: &Pictures, how: &EigenOptions| EigenTemplate::new(p, &Options::default(), how).map(|_| ()).unwrap_err().to_string();
+    let (all, how) = (ten().pictures(), EigenOptions::default());
+    let d = all.mean.len();
+    assert_eq!(
+        told(&Pictures { components: &all.components[1..], ..all }, &how),
+        format!("expected {d} samples in the mean and each of 10 components, found {} in all", 11 * d - 1)
+    );
+    let broken = vec![f64::NAN; d];
+    assert!(told(&Pictures { mean: &broken, ..all }, &how).starts_with("expected finite samples"));
+    let empty = vec![0.0; d];
+    let none = Pictures { mean: &empty, components: &[], variances: &[], ..all };
+    assert_eq!(told(&none, &how), TrackError::Empty.to_string());
+    assert_eq!(told(&all, &EigenOptions { prior: -1.0, ..how }), "expected prior from 0 to 1000000, found -1");
+    let flat = vec![0.5; d];
+    let flat = Pictures { mean: &flat, components: &[], variances: &[], alpha: None, ..all };
+    assert_eq!(told(&flat, &how), TrackError::Textureless.to_string());
+    let template = template();
+    let grey = vec![0.5; SIZE.0 * SIZE.1];
+    let found = template.track(Raster::new(&grey, SIZE.0, SIZE.1, 1).unwrap(), None, &EigenStart::default());
+    assert_eq!(found, Err(EigenError::Colours { expected: 3, found: 1 }));
+    let opaque = EigenTemplate::new(&Pictures { alpha: None, ..all }, &Options::default(), &how).unwrap();
+    let rgba = vec![0.5; SIZE.0 * SIZE.1 * 4];
+    let found = opaque.track(Raster::new(&rgba, SIZE.0, SIZE.1, 4).unwrap(), Some(&grey), &EigenStart::default());
+    assert_eq!(found, Err(EigenError::NoAlpha));
 }
