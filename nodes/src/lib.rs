@@ -1,8 +1,8 @@
 //! The animation nodes of Pegbar: data types at the bottom, `algo` above them (pure functions), one file a node on top.
 
 pub mod algo;
-mod capture;
 mod camera;
+mod capture;
 mod cel;
 mod comp;
 #[cfg(test)]
@@ -22,8 +22,8 @@ mod registry;
 mod render;
 mod retarget;
 mod shape;
-mod solve;
 mod skin;
+mod solve;
 mod time;
 mod track;
 mod weights;

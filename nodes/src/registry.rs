@@ -2,51 +2,37 @@
 
 use pegbar_engine::registry::Registry;
 
+use crate::camera::{CameraOrthographic, CameraPerspective};
 use crate::capture::CaptureContour;
-use crate::cel::{CelArt, CelReference, CelScene};
 use crate::cel::{CelArt, CelCharacter, CelCharacterPose, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
-use crate::data::{Affine2, Basis, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Matte, Shape, Weights};
+use crate::data::{
+    Affine2, Basis, Camera, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Matte, Mesh, MorphTargets, Pose, Shape, Skeleton,
+    SkinnedMesh, Weights,
+};
 use crate::drawing::DrawingMerge;
-use crate::data::{Affine2, Image, KeyShapes, Matte, Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, Weights};
-use crate::camera::{CameraOrthographic, CameraPerspective};
-use crate::cel::{CelArt, CelReference, CelScene};
-use crate::comp::{CompMask, CompMerge, CompOver};
-use crate::data::{Affine2, Camera, Image, KeyShapes, Matte, Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, Weights};
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
     ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
     ImageWarpMesh,
 };
 use crate::io::{
-    IoReadDrawings, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadShapes, IoReadValue, IoWriteDrawings,
-    IoWriteImages, IoWriteTable, IoWriteValue,
+    IoReadDrawings, IoReadGltf, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadShapes, IoReadValue, IoWriteDrawings,
+    IoWriteGltf, IoWriteImages, IoWriteTable, IoWriteValue,
 };
-use crate::keys::{KeysBasis, KeysInbetween};
-use crate::io::{IoReadGltf, IoReadImage, IoReadImages, IoReadValue, IoWriteGltf, IoWriteImages, IoWriteTable, IoWriteValue};
+use crate::keys::{KeysBasis, KeysChoose, KeysInbetween, KeysPick};
 use crate::matte::{MatteColorClusters, MatteFromImage};
-use crate::motion::MotionKeys;
+use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth};
 use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::pose::{MeshPin, PosePin};
-
-use crate::render::{RenderShapes, RenderStrip};
-use crate::retarget::{RetargetImage, RetargetShapes};
-use crate::keys::{KeysChoose, KeysPick};
-use crate::matte::{MatteColorClusters, MatteFromImage};
-use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionPin, MotionSmooth};
-use crate::plot::{PlotCurves, PlotPlayhead};
-use crate::render::{RenderShapes, RenderStrip};
+use crate::render::{RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
+use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, RetargetMeshes, RetargetShapes};
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
-use crate::solve::SolveKeyWeights;
-use crate::render::{RenderDrawings, RenderShapes, RenderStrip};
-use crate::retarget::{RetargetDrawings, RetargetImage, RetargetShapes};
-use crate::retarget::{RetargetJointAngles, RetargetMeshes};
 use crate::skin::SkinLinearBlend;
-use crate::render::{RenderShadow, RenderShapes, RenderStrip, RenderToon};
+use crate::solve::SolveKeyWeights;
 use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
-use crate::track::TrackAffine;
-use crate::weights::WeightsKeys;
 use crate::track::{TrackAffine, TrackEigen};
+use crate::weights::WeightsKeys;
 
 /// Every node type and value type that Pegbar comes with.
 pub fn registry() -> Registry {
@@ -59,10 +45,10 @@ fn types(registry: Registry) -> Registry {
         .value::<Affine2>()
         .value::<Basis>()
         .value::<Camera>()
-        .value::<Image>()
-        .value::<KeyImages>()
         .value::<Drawing>()
+        .value::<Image>()
         .value::<KeyDrawings>()
+        .value::<KeyImages>()
         .value::<KeyShapes>()
         .value::<Matte>()
         .value::<Mesh>()
@@ -77,9 +63,9 @@ fn types(registry: Registry) -> Registry {
 #[rustfmt::skip]
 fn nodes(registry: Registry) -> Registry {
     registry
-        .whole::<CaptureContour>()
         .per_frame::<CameraOrthographic>()
         .per_frame::<CameraPerspective>()
+        .whole::<CaptureContour>()
         .per_frame::<CelArt>()
         .per_frame::<CelCharacter>()
         .per_frame::<CelCharacterPose>()
@@ -121,49 +107,43 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
         .per_frame::<KeysBasis>()
-        .per_frame::<KeysInbetween>()
         .whole::<KeysChoose>()
+        .per_frame::<KeysInbetween>()
         .whole::<KeysPick>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
         .whole::<MeshPin>()
-        .per_frame::<MotionKeys>()
         .whole::<MotionAnticipate>()
         .whole::<MotionExaggerate>()
         .whole::<MotionFollowThrough>()
+        .per_frame::<MotionKeys>()
         .whole::<MotionPin>()
         .whole::<MotionSmooth>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
+        .whole::<PosePin>()
         .per_frame::<RenderDrawings>()
-        .per_frame::<RenderShapes>()
-        .whole::<RenderStrip>()
-        .recurrent::<RetargetDrawings>()
-        .recurrent::<RetargetImage>()
-        .recurrent::<RetargetShapes>()
         .per_frame::<RenderShadow>()
         .per_frame::<RenderShapes>()
         .whole::<RenderStrip>()
         .per_frame::<RenderToon>()
+        .recurrent::<RetargetDrawings>()
+        .recurrent::<RetargetImage>()
+        .per_frame::<RetargetJointAngles>()
+        .per_frame::<RetargetMeshes>()
+        .recurrent::<RetargetShapes>()
         .per_frame::<RetimeApply>()
         .per_frame::<ShapeFitAffine>()
         .recurrent::<ShapeResample>()
         .per_frame::<ShapeTrace>()
-        .whole::<SolveKeyWeights>()
-
-        .whole::<PosePin>()
-        .per_frame::<RenderShapes>()
-        .whole::<RenderStrip>()
-        .per_frame::<RetargetJointAngles>()
-        .per_frame::<RetargetMeshes>()
-        .per_frame::<RetimeApply>()
         .recurrent::<SkinLinearBlend>()
+        .whole::<SolveKeyWeights>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()
         .per_frame::<TimeOffset>()
         .whole::<TimePick>()
         .per_frame::<TimeResample>()
         .recurrent::<TrackAffine>()
-        .per_frame::<WeightsKeys>()
         .recurrent::<TrackEigen>()
+        .per_frame::<WeightsKeys>()
 }

@@ -2,8 +2,8 @@
 
 mod affine;
 mod basis;
-mod drawing;
 mod camera;
+mod drawing;
 mod image;
 mod key_images;
 mod matte;
@@ -14,8 +14,8 @@ mod weights;
 
 pub use affine::Affine2;
 pub use basis::{Basis, BasisKind};
-pub use drawing::{Contour, Drawing, KeyDrawings};
 pub use camera::Camera;
+pub use drawing::{Contour, Drawing, KeyDrawings};
 pub use image::Image;
 pub(crate) use image::LARGEST;
 pub use key_images::KeyImages;

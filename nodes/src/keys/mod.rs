@@ -1,17 +1,23 @@
-//! Key shapes and key pictures: what lies between them, and the space that they span.
+//! Key shapes and key pictures: picked by hand and found, what lies between them, and the space that they span.
 
 mod align;
 mod basis;
+mod choose;
 mod inbetween;
+mod pick;
 
 pub(crate) use align::{AlignTo, align};
 pub(crate) use basis::KeysBasis;
+pub(crate) use choose::KeysChoose;
 pub(crate) use inbetween::KeysInbetween;
+pub(crate) use pick::KeysPick;
 
 use pegbar_engine::array::NdArray;
-use pegbar_engine::node::NodeError;
+use pegbar_engine::node::{Fault, NodeError};
 
-use crate::data::KeyShapes;
+use crate::algo::fit_affine::finite;
+use crate::algo::key_weights::WeightsError;
+use crate::data::{KeyShapes, Shape};
 
 /// The points of each key.
 pub(crate) fn contours(keys: &KeyShapes) -> Vec<Vec<[f64; 2]>> {
@@ -26,20 +32,7 @@ fn key_shapes(points: &[Vec<[f64; 2]>], names: Vec<String>, closed: bool) -> Res
     let flat = points.iter().flatten().flatten().copied().collect();
     let points = NdArray::new([points.len(), n, 2], flat).ok_or_else(|| NodeError::internal("key shapes of different lengths"))?;
     Ok(KeyShapes { points, names, closed })
-//! Key shapes: picked by hand, and found.
-
-mod choose;
-mod pick;
-
-pub(crate) use choose::KeysChoose;
-pub(crate) use pick::KeysPick;
-
-use pegbar_engine::array::NdArray;
-use pegbar_engine::node::{Fault, NodeError};
-
-use crate::algo::fit_affine::finite;
-use crate::algo::key_weights::WeightsError;
-use crate::data::{KeyShapes, Shape};
+}
 
 /// What cannot be solved, as the node's error.
 pub(crate) fn refused(error: WeightsError) -> NodeError {

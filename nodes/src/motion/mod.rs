@@ -1,22 +1,19 @@
-//! Motion set by hand.
-
-mod keys;
-pub(crate) mod timing;
-
-pub(crate) use keys::MotionKeys;
-//! Filters on motion: affine motions, weights, curves, contours.
+//! Motion set by hand, and filters on motion: affine motions, weights, curves, contours.
 
 mod anticipate;
 mod exaggerate;
 mod follow_through;
 #[cfg(test)]
 mod graph_tests;
+mod keys;
 mod pin;
 mod smooth;
+pub(crate) mod timing;
 
 pub(crate) use anticipate::MotionAnticipate;
 pub(crate) use exaggerate::MotionExaggerate;
 pub(crate) use follow_through::MotionFollowThrough;
+pub(crate) use keys::MotionKeys;
 pub(crate) use pin::MotionPin;
 pub(crate) use smooth::MotionSmooth;
 

@@ -1,22 +1,28 @@
-//! Captured motion put on other keys: shapes, drawings, photographs.
+//! Captured motion put on other keys: shapes, drawings, photographs, meshes and articulated figures.
 
 mod carry;
 mod drawings;
 mod image;
+mod joint_angles;
+mod meshes;
 mod shapes;
 
 pub(crate) use carry::{Carried, Edge, covered, cut, dissolve, with_alpha};
 pub(crate) use drawings::RetargetDrawings;
 pub(crate) use image::RetargetImage;
+pub(crate) use joint_angles::RetargetJointAngles;
+pub(crate) use meshes::RetargetMeshes;
 pub(crate) use shapes::RetargetShapes;
 
 use std::sync::{Arc, OnceLock};
 
+use nalgebra::Matrix4;
 use pegbar_engine::Value;
 use pegbar_engine::array::NdArray;
 use pegbar_engine::node::NodeError;
 
 use crate::algo::arap::{Gauge, Options as ArapOptions};
+use crate::algo::in_plane::{DepthScale, InPlane, Plane};
 use crate::algo::key_blend::{Interpolation, KeyBlend, Options};
 use crate::algo::raster::{Affine, apply, compose, identity};
 use crate::algo::track_affine::Model;
@@ -101,20 +107,7 @@ fn placed(place: Option<&Affine2>, motion: Option<&Affine2>) -> Result<Affine, N
 
 fn moved(points: &[[f64; 2]], map: &Affine) -> Vec<[f64; 2]> {
     points.iter().map(|p| apply(map, (*p).into()).into()).collect()
-//! Captured motion put on other keys: meshes and articulated figures.
-
-mod joint_angles;
-mod meshes;
-
-pub(crate) use joint_angles::RetargetJointAngles;
-pub(crate) use meshes::RetargetMeshes;
-
-use nalgebra::Matrix4;
-use pegbar_engine::node::NodeError;
-
-use crate::algo::in_plane::{DepthScale, InPlane, Plane};
-use crate::algo::raster::Affine;
-use crate::data::Affine2;
+}
 
 /// Weights of the keys, as many as there are and finite.
 fn expect_weights(weights: &[f64], keys: usize) -> Result<(), NodeError> {
