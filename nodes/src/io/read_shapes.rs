@@ -88,7 +88,7 @@ pub(super) fn file_of(path: &InputPath, missing: Missing, frame: i64) -> Result<
 
 /// How outlines become points; a tolerance may be wired, so that its range is held here too.
 pub(super) fn sampling(tolerance: f64, per_segment: u32) -> Result<Sampling, NodeError> {
-    if tolerance >= 1e-4 && tolerance <= 1e3 {
+    if (1e-4..=1e3).contains(&tolerance) {
         return Ok(Sampling { tolerance, per_segment: per_segment as usize });
     }
     Err(NodeError::new(Fault::Parameters, format!("expected `tolerance` from 0.0001 to 1000, found {tolerance}")))

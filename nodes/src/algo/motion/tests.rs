@@ -40,11 +40,11 @@ fn gap(a: &[f64], b: &[f64]) -> Vec<f64> {
 #[test]
 fn lines_and_parabolas_are_not_smoothed() {
     let parabola: Vec<f64> = (0..40).map(|k| 3.0 + 0.5 * k as f64 - 0.25 * (k * k) as f64).collect();
-    let found = SMOOTH.apply(&[parabola.clone()], &times(40), &[false; 40]);
+    let found = SMOOTH.apply(std::slice::from_ref(&parabola), &times(40), &[false; 40]);
     assert!(gap(&found[0], &parabola).iter().all(|d| d.abs() < 1e-9), "{found:?}");
     let uneven = [0.0, 1.0, 3.5, 4.0, 6.0, 9.0, 9.5, 12.0];
     let curve: Vec<f64> = uneven.iter().map(|t| 2.0 - 3.0 * t + t * t).collect();
-    let found = SMOOTH.apply(&[curve.clone()], &uneven, &[false; 8]);
+    let found = SMOOTH.apply(std::slice::from_ref(&curve), &uneven, &[false; 8]);
     assert!(gap(&found[0], &curve).iter().all(|d| d.abs() < 1e-9));
 }
 
@@ -54,7 +54,7 @@ fn jitter_goes_and_a_bounce_keeps_its_height_and_its_contacts() {
     let truth = bounce(n);
     for seed in 1..6 {
         let rough: Vec<f64> = truth.iter().zip(noise(n, seed)).map(|(x, e)| x + e).collect();
-        let found = SMOOTH.apply(&[rough.clone()], &times(n), &vec![false; n]).remove(0);
+        let found = SMOOTH.apply(std::slice::from_ref(&rough), &times(n), &vec![false; n]).remove(0);
         let (before, after) = (second_energy(&gap(&rough, &truth)), second_energy(&gap(&found, &truth)));
         assert!(before > 5.0 * after, "seed {seed}: {before} to {after}");
         for k in (8..n).step_by(16) {

@@ -109,7 +109,7 @@ fn stroke() -> RetargetImage {
     let upright = (0..=20).map(|i| [20.0, 5.0 + f64::from(i)]);
     let bent = (0..=20)
         .map(|i| libm::sincos(f64::from(i) * std::f64::consts::PI / 20.0))
-        .map(|(s, c)| [20.0 - 20.0 / 3.1416 * (1.0 - c), 10.0 + 20.0 / 3.1416 * s]);
+        .map(|(s, c)| [20.0 - 20.0 / std::f64::consts::PI * (1.0 - c), 10.0 + 20.0 / std::f64::consts::PI * s]);
     let mut made = node(vec![Image::new(40, 30, 4, samples).unwrap()], &[0.0, 1.0]);
     let points = upright.chain(bent).flatten().collect();
     made.keys = In::new(KeyShapes { points: NdArray::new([2, 21, 2], points).unwrap(), names: Vec::new(), closed: false });
@@ -122,7 +122,7 @@ fn an_open_curve_bends_the_picture_around_it() {
     // On the arc there is paint, and inside of it there is none.
     for i in 1..8 {
         let (s, c) = libm::sincos(f64::from(i) * std::f64::consts::PI / 8.0);
-        let at = [20.0 - 20.0 / 3.1416 * (1.0 - c), 10.0 + 20.0 / 3.1416 * s];
+        let at = [20.0 - 20.0 / std::f64::consts::PI * (1.0 - c), 10.0 + 20.0 / std::f64::consts::PI * s];
         assert!(pixel(&image, at[0] as i64, at[1] as i64)[3] > 0.4, "{i}: {:?}", pixel(&image, at[0] as i64, at[1] as i64));
     }
     assert!(pixel(&image, 14, 11)[3] < 1e-6 && pixel(&image, 13, 13)[3] < 1e-6);

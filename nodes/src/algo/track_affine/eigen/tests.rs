@@ -131,7 +131,7 @@ fn shape(pose: &Pose) -> Vec<[f64; 2]> {
         }
     }
     for k in 0..16 {
-        let (s, c) = libm::sincos(f64::from(k) * 0.3927);
+        let (s, c) = libm::sincos(f64::from(k) * std::f64::consts::FRAC_PI_8);
         out.push([CENTRE[0] + 32.0 * c, CENTRE[1] + 6.0 + 40.0 * s]);
     }
     out
