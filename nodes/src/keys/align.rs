@@ -4,7 +4,7 @@
 use pegbar_engine::Setting;
 use pegbar_engine::node::NodeError;
 
-use crate::algo::fit_affine::{finite, fit};
+use crate::algo::fit_affine::{aligned, finite, fit};
 use crate::algo::raster::{Affine, apply, identity};
 use crate::algo::track_affine::Model;
 
@@ -26,29 +26,29 @@ type Points = Vec<[f64; 2]>;
 /// Keys whose points lie on a line are moved by a similarity at the most, as more cannot be told.
 pub(crate) fn align(keys: &mut [Points], to: AlignTo, model: Model) -> Result<Vec<Affine>, NodeError> {
     let mut motions = vec![identity(); keys.len()];
-    let Some(first) = keys.first().filter(|_| to != AlignTo::None) else { return Ok(motions) };
-    let onto_first = |k: usize| moved(&keys[k], first, model, k);
-    let others: Vec<(Affine, Points)> = (1..keys.len()).map(onto_first).collect::<Result<_, _>>()?;
-    if to == AlignTo::First {
-        for (k, (motion, points)) in others.into_iter().enumerate() {
-            (motions[k + 1], keys[k + 1]) = (motion, points);
-        }
-        return Ok(motions);
+    let Some(first) = keys.first().filter(|_| to != AlignTo::None).cloned() else { return Ok(motions) };
+    for (k, key) in keys.iter().enumerate() {
+        finite(key).map_err(|e| NodeError::input(format!("key {k}: {e}")))?;
     }
-    finite(first).map_err(|e| NodeError::input(format!("key 0: {e}")))?;
-    let mut mean = first.clone();
-    for (i, p) in mean.iter_mut().enumerate() {
-        (0..2).for_each(|c| p[c] = (p[c] + others.iter().map(|(_, o)| o[i][c]).sum::<f64>()) / (others.len() + 1) as f64);
-    }
-    for (k, key) in keys.iter_mut().enumerate() {
-        (motions[k], *key) = moved(key, &mean, model, k)?;
+    let onto = if to == AlignTo::First { first } else { mean(keys, &first, model) };
+    // The first key stays to the bit where it is what the others are moved onto.
+    let stay = usize::from(to == AlignTo::First);
+    for (k, (key, motion)) in keys.iter_mut().zip(&mut motions).enumerate().skip(stay) {
+        *motion = fit(key, &onto, model).map_err(|e| NodeError::input(format!("key {k}: {e}")))?.motion;
+        key.iter_mut().for_each(|p| *p = apply(motion, (*p).into()).into());
     }
     Ok(motions)
 }
 
-fn moved(key: &[[f64; 2]], onto: &[[f64; 2]], model: Model, k: usize) -> Result<(Affine, Points), NodeError> {
-    let motion = fit(key, onto, model).map_err(|e| NodeError::input(format!("key {k}: {e}")))?.motion;
-    Ok((motion, key.iter().map(|p| apply(&motion, (*p).into()).into()).collect()))
+/// The mean of keys, each moved onto the first.
+fn mean(keys: &[Points], first: &[[f64; 2]], model: Model) -> Points {
+    let mut mean = vec![[0.0; 2]; first.len()];
+    for key in keys {
+        for (m, p) in mean.iter_mut().zip(aligned(key, first, model)) {
+            (0..2).for_each(|c| m[c] += p[c] / keys.len() as f64);
+        }
+    }
+    mean
 }
 
 #[cfg(test)]

@@ -62,3 +62,51 @@ fn repeated_keys_and_a_single_one_are_fine() {
     assert!(contours(&same).iter().all(|k| k.iter().zip(SQUARE).all(|(a, b)| (a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-9)));
     assert_eq!(run(node(&[SQUARE.to_vec()], &[], Method::Arap)).unwrap().keys.points.shape(), [1, 4, 2]);
 }
+
+/// Each kind of key that cannot be blended is named with the key, and never passes.
+#[test]
+fn degenerate_keys_are_refused_by_name() {
+    let message = |other: [[f64; 2]; 4], method| run(node(&[SQUARE.to_vec(), other.to_vec()], &[], method)).err().unwrap().message;
+    let line = [[0.0, 0.0], [1.0, 1.0], [2.0, 2.0], [3.0, 3.0]];
+    let flat = "key shapes: expected a contour with an inside, found that all points of contour 1 lie on one line";
+    assert_eq!(message(line, Method::Arap), flat);
+    assert_eq!(message([[5.0, 5.0]; 4], Method::Arap), flat);
+    let mut bad = SQUARE;
+    bad[2][1] = f64::NAN;
+    let at = "key shapes: expected finite points, found NaN, infinity or one beyond 1e100 at point 2 of contour 1";
+    assert_eq!(message(bad, Method::Arap), at);
+    assert_eq!(message(bad, Method::Linear), "key shapes: expected finite points, found NaN or infinity in key 1");
+    let mut turned = SQUARE;
+    turned.reverse();
+    let way =
+        "key shapes: expected contours that run the same way round, found contour 1 against contour 0; reverse the order of its points";
+    assert_eq!(message(turned, Method::Arap), way);
+    // The weighted sum asks for no inside.
+    assert!(run(node(&[SQUARE.to_vec(), line.to_vec()], &[], Method::Linear)).is_ok());
+    assert!(run(node(&[], &[], Method::Arap)).is_err() && run(node(&[], &[], Method::Linear)).is_err());
+}
+
+/// Open curves: the stroke that is drawn on a picture goes along, seen once.
+#[test]
+fn pictures_are_carried_by_open_curves() {
+    let bar = |turn: f64| {
+        (0..=10).map(|i| f64::from(i) - 5.0).map(|d| [12.0 + d * libm::cos(turn), 12.0 + d * libm::sin(turn)]).collect::<Vec<_>>()
+    };
+    let picture = |upright: bool| {
+        let mut samples = vec![0.0; 24 * 24 * 4];
+        for i in 7..17 {
+            for j in 11..13 {
+                let (x, y) = if upright { (j, i) } else { (i, j) };
+                samples[(y * 24 + x) * 4..][..4].fill(1.0);
+            }
+        }
+        Image::new(24, 24, 4, samples).unwrap()
+    };
+    let mut open = node(&[bar(0.0), bar(std::f64::consts::FRAC_PI_2)], &[], Method::Arap);
+    open.keys = In::new(KeyShapes { closed: false, ..(*open.keys).clone() });
+    open.images = List(vec![Some(In::new(picture(false))), Some(In::new(picture(true)))]);
+    let found = run(open).unwrap().images;
+    let at = |k: usize, x: usize, y: usize| found.pixels.data()[((k * 24 + y) * 24 + x) * 4 + 3];
+    // Half way it stands on the diagonal; neither key's own place has paint.
+    assert!(at(3, 9, 9) > 0.9 && at(3, 14, 14) > 0.9 && at(3, 16, 12) < 0.1 && at(3, 12, 7) < 0.1, "{}", at(3, 9, 9));
+}

@@ -2,6 +2,7 @@ use super::*;
 use crate::counted::clock;
 use pegbar_engine::array::NdArray;
 use pegbar_engine::node::Cancel;
+use std::f64::consts::PI;
 
 fn keys(closed: bool) -> KeyShapes {
     let points = vec![2.0, 2.0, 10.0, 2.0, 10.0, 10.0, 2.0, 10.0, 10.0, 2.0, 10.0, 10.0, 2.0, 10.0, 2.0, 2.0];
@@ -107,9 +108,7 @@ fn stroke() -> RetargetImage {
     let mut samples = vec![0.0; 40 * 30 * 4];
     (5..25).for_each(|y| samples[(y * 40 + 19) * 4..][..8].fill(1.0));
     let upright = (0..=20).map(|i| [20.0, 5.0 + f64::from(i)]);
-    let bent = (0..=20)
-        .map(|i| libm::sincos(f64::from(i) * std::f64::consts::PI / 20.0))
-        .map(|(s, c)| [20.0 - 20.0 / std::f64::consts::PI * (1.0 - c), 10.0 + 20.0 / std::f64::consts::PI * s]);
+    let bent = (0..=20).map(|i| libm::sincos(f64::from(i) * PI / 20.0)).map(|(s, c)| [20.0 - 20.0 / PI * (1.0 - c), 10.0 + 20.0 / PI * s]);
     let mut made = node(vec![Image::new(40, 30, 4, samples).unwrap()], &[0.0, 1.0]);
     let points = upright.chain(bent).flatten().collect();
     made.keys = In::new(KeyShapes { points: NdArray::new([2, 21, 2], points).unwrap(), names: Vec::new(), closed: false });
@@ -121,8 +120,8 @@ fn an_open_curve_bends_the_picture_around_it() {
     let image = run(stroke()).unwrap();
     // On the arc there is paint, and inside of it there is none.
     for i in 1..8 {
-        let (s, c) = libm::sincos(f64::from(i) * std::f64::consts::PI / 8.0);
-        let at = [20.0 - 20.0 / std::f64::consts::PI * (1.0 - c), 10.0 + 20.0 / std::f64::consts::PI * s];
+        let (s, c) = libm::sincos(f64::from(i) * PI / 8.0);
+        let at = [20.0 - 20.0 / PI * (1.0 - c), 10.0 + 20.0 / PI * s];
         assert!(pixel(&image, at[0] as i64, at[1] as i64)[3] > 0.4, "{i}: {:?}", pixel(&image, at[0] as i64, at[1] as i64));
     }
     assert!(pixel(&image, 14, 11)[3] < 1e-6 && pixel(&image, 13, 13)[3] < 1e-6);

@@ -78,3 +78,26 @@ fn aligned_keys_leave_the_motion_to_the_capture() {
     let first = contours(&keys()).remove(0);
     assert!(shape.points.iter().flatten().zip(first.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-9), "{shape:?}");
 }
+
+#[test]
+fn degenerate_keys_are_refused_by_name() {
+    let message = |value: f64, interpolation, align| {
+        let mut bad = keys();
+        bad.points.data_mut()[11] = value;
+        let node = RetargetShapes { keys: In::new(bad), align, ..node(&[0.5, 0.5], interpolation) };
+        run(node, None).err().map(|e| e.message)
+    };
+    let at = "expected finite points, found NaN";
+    for interpolation in [Interpolation::Linear, Interpolation::Extended, Interpolation::Arap] {
+        for align in [AlignTo::None, AlignTo::First, AlignTo::Mean] {
+            let found = message(f64::NAN, interpolation, align).unwrap();
+            assert!(found.contains("expected finite points, found") && found.contains("NaN") && found.contains('1'), "{found}");
+        }
+    }
+    assert!(message(f64::NAN, Interpolation::Linear, AlignTo::None).unwrap().contains(at));
+    // Keys on one line have no inside; their weighted sum is fine.
+    let mut line = keys();
+    line.points.data_mut()[8..].copy_from_slice(&[0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0]);
+    let lined = |interpolation| run(RetargetShapes { keys: In::new(line.clone()), ..node(&[0.5, 0.5], interpolation) }, None);
+    assert!(lined(Interpolation::Linear).is_ok() && lined(Interpolation::Arap).err().unwrap().message.contains("lie on one line"));
+}
