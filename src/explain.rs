@@ -181,7 +181,10 @@ fn type_text(schema: &TypeSchema, registry: &Registry) -> String {
     let mut text = format!("{}  (value type)\n\n{}", schema.name, wrap(schema.doc, 0));
     if !schema.arrays.is_empty() {
         text.push_str("\nArrays, as in .npz files\n");
-        text.extend(schema.arrays.iter().map(|a| format!("  {}: {} {}\n{}", a.name, dtype(a), a.shape, wrap(a.doc, 6))));
+        text.extend(schema.arrays.iter().map(|a| {
+            let optional = if a.optional { ", may be left out" } else { "" };
+            format!("  {}: {} {}{optional}\n{}", a.name, dtype(a), a.shape, wrap(a.doc, 6))
+        }));
     }
     if !schema.texts.is_empty() {
         text.push_str("\nText, in the JSON object `meta`\n");

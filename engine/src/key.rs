@@ -34,8 +34,8 @@ use crate::setting::InputPath;
 use crate::stamp::Files;
 
 pub use facts::{Fact, FactKind, Mode};
+use facts::{beside_all, is_part, missing, read_paths, sees_frame};
 pub(crate) use facts::{facts, hex};
-use facts::{is_part, missing, read_paths, sees_frame};
 
 /// Changes with what keys are made of, so that those of other versions of Pegbar are never met.
 pub const KEY_VERSION: &str = "pegbar key 2";
@@ -301,6 +301,9 @@ pub(crate) fn paths(spec: &GraphNode, task: usize, numbered: bool) -> Vec<Result
         } else {
             out.push(pick(&path, spec.clock.first + task as i64));
         }
+    }
+    if !numbered {
+        out.extend(beside_all(spec).into_iter().map(Ok));
     }
     out
 }

@@ -13,7 +13,7 @@ pub use input::{AnyFrames, AnySequence, Arg, Frames, In, Input, List, Literal, S
 pub use operator::{Computed, Needs, Operator};
 pub(crate) use operator::{PerFrameOperator, RecurrentOperator, WholeOperator};
 pub use output::{AnyStream, OutValue, Output, Outputs, Stream};
-pub use schema::{Access, InputSchema, InputType, Kind, NodeSchema, OutputSchema, ParseLiteral};
+pub use schema::{Access, Beside, InputSchema, InputType, Kind, NodeSchema, OutputSchema, ParseLiteral};
 
 use crate::value::Value;
 

@@ -15,11 +15,12 @@ struct NodeAttrs {
     example: Option<LitStr>,
     type_from: Option<LitStr>,
     uses_frame: bool,
+    beside: Option<syn::Path>,
 }
 
 fn node_attrs(input: &DeriveInput) -> syn::Result<NodeAttrs> {
     let (mut id, mut version, mut kind, mut outputs) = (None, None, "per_frame".to_owned(), None);
-    let (mut source, mut example, mut type_from, mut uses_frame) = (None, None, None, false);
+    let (mut source, mut example, mut type_from, mut uses_frame, mut beside) = (None, None, None, false, None);
     for attribute in input.attrs.iter().filter(|a| a.path().is_ident("node")) {
         attribute.parse_nested_meta(|m| {
             if m.path.is_ident("id") {
@@ -38,8 +39,10 @@ fn node_attrs(input: &DeriveInput) -> syn::Result<NodeAttrs> {
                 type_from = Some(m.value()?.parse()?);
             } else if m.path.is_ident("uses_frame") {
                 uses_frame = true;
+            } else if m.path.is_ident("beside") {
+                beside = Some(m.value()?.parse()?);
             } else {
-                return Err(m.error("expected id, version, kind, outputs, source, example, type_from or uses_frame"));
+                return Err(m.error("expected id, version, kind, outputs, source, example, type_from, uses_frame or beside"));
             }
             Ok(())
         })?;
@@ -54,6 +57,7 @@ fn node_attrs(input: &DeriveInput) -> syn::Result<NodeAttrs> {
         example,
         type_from,
         uses_frame,
+        beside,
     })
 }
 
@@ -159,8 +163,8 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
             _ => return Err(syn::Error::new_spanned(ident, "expected kind = per_frame, recurrent, whole, source or sink")),
         }
     );
-    let NodeAttrs { id, version, source, example, type_from, uses_frame, outputs, .. } = attrs;
-    let (source, example, type_from) = (option(source), option(example), option(type_from));
+    let NodeAttrs { id, version, source, example, type_from, uses_frame, outputs, beside, .. } = attrs;
+    let (source, example, type_from, beside) = (option(source), option(example), option(type_from), option(beside));
     let outputs = outputs.map_or_else(|| quote! { () }, |o| quote! { #o });
     Ok(quote! {
         impl ::pegbar_engine::node::Node for #ident {
@@ -174,6 +178,7 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
                     source: #source,
                     example: #example,
                     uses_frame: #uses_frame,
+                    beside: #beside,
                     type_from: #type_from,
                     inputs: vec![#(#schemas),*],
                     outputs: <#outputs as ::pegbar_engine::node::Outputs>::schema(),

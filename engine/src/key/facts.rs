@@ -1,6 +1,6 @@
 //! The facts of a node that are the same for all its tasks: what its keys are made from, and what is told where they changed.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -151,6 +151,9 @@ pub(crate) fn facts(
             }),
             Binding::Wire(_) | Binding::List(_) => {}
         }
+        for path in beside(spec, input, binding) {
+            out.push(fact(FactKind::File, format!("{} {}", ending(&path), content(&path)?)));
+        }
         if let Binding::List(ports) = binding {
             out.push(fact(FactKind::Literal, ports.len().to_string()));
         }
@@ -215,6 +218,22 @@ fn named_file(input: &InputSchema, value: &Literal) -> Option<File> {
         FileUse::Read => of::<InputPath>(value).map(File::Read).or_else(|| of::<InputPaths>(value).map(File::Several)),
         FileUse::Write => of::<OutputPath>(value).map(File::Written),
     }
+}
+
+/// The files that are there of those that the file at an input names.
+fn beside(spec: &GraphNode, input: &InputSchema, binding: &Binding) -> Vec<PathBuf> {
+    match (spec.ty.schema.beside, binding) {
+        (Some(beside), Binding::Literal { value, .. }) => match named_file(input, value) {
+            Some(File::Read(path)) if !path.is_sequence() => beside(&path.at(0)).into_iter().filter(|p| p.is_file()).collect(),
+            _ => Vec::new(),
+        },
+        _ => Vec::new(),
+    }
+}
+
+/// The files that are there of those that the files which a node reads name, in the order of its inputs.
+pub(super) fn beside_all(spec: &GraphNode) -> Vec<PathBuf> {
+    spec.inputs.iter().zip(&spec.ty.schema.inputs).flat_map(|(binding, input)| beside(spec, input, binding)).collect()
 }
 
 /// The paths that a node reads, in the order of its inputs.

@@ -1,5 +1,7 @@
 //! What a node type says of itself.
 
+use std::path::{Path, PathBuf};
+
 use serde::Serialize;
 
 use super::input::Literal;
@@ -91,6 +93,9 @@ pub struct InputSchema {
 /// Reads a literal of an input, with the numbers in it that its range holds.
 pub type ParseLiteral = fn(&str, &Place) -> Result<(Literal, Vec<f64>), SettingError>;
 
+/// The files that the contents of a file name, and that whoever reads it reads as well: a scene's buffers and textures. None where it cannot be read.
+pub type Beside = fn(&Path) -> Vec<PathBuf>;
+
 /// What a node's declaration says of one output. Made by `#[derive(Outputs)]`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OutputSchema {
@@ -122,6 +127,9 @@ pub struct NodeSchema {
     pub example: Option<&'static str>,
     /// True where the output differs from frame to frame whatever the inputs.
     pub uses_frame: bool,
+    /// For files that name others: the files that one names, which the node reads as well.
+    #[serde(skip)]
+    pub beside: Option<Beside>,
     /// For outputs of any type: the input whose type they have, or the text setting that names it.
     pub type_from: Option<&'static str>,
     /// Inputs and settings, in the order of the struct.

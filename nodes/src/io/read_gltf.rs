@@ -14,7 +14,7 @@
 //! }, outputs: { "mesh": "@skin" })
 //! ```
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use pegbar_engine::array::NdArray;
@@ -45,6 +45,7 @@ pub(crate) enum End {
     version = 1,
     kind = whole,
     outputs = IoReadGltfOutputs,
+    beside = named_beside,
     source = "glTF 2.0 Specification",
     example = "\"otter\": (type: \"io.read_gltf\", path: \"otter.glb\", animation: \"Walk\", end: loop)"
 )]
@@ -95,6 +96,13 @@ pub(crate) struct IoReadGltfOutputs {
     texture: Image,
     /// Seconds that the animation lasts.
     duration: Curve,
+}
+
+/// The files that a file names: its buffers and pictures.
+fn named_beside(path: &Path) -> Vec<PathBuf> {
+    let folder = path.parent().map(Path::to_owned).unwrap_or_default();
+    let names = file::read(path).map(|bytes| Document::beside(&bytes)).unwrap_or_default();
+    names.into_iter().map(|name| folder.join(name)).collect()
 }
 
 /// Reads files that lie beside `path`.

@@ -64,6 +64,7 @@ fn schema() -> NodeSchema {
         source: None,
         example: None,
         uses_frame: false,
+        beside: None,
         type_from: None,
         inputs: vec![input],
         outputs: Vec::new(),

@@ -117,6 +117,18 @@ impl Document {
         }
     }
 
+    /// The files that the JSON of a file names, relative to it; none where it cannot be read.
+    pub fn beside(bytes: &[u8]) -> Vec<String> {
+        let json = container::open(bytes).ok().and_then(|(text, _)| serde_json::from_slice::<json::Root>(text).ok());
+        let Some(root) = json else { return Vec::new() };
+        let uris = root.buffers.iter().filter_map(|b| b.uri.as_ref()).chain(root.images.iter().filter_map(|i| i.uri.as_ref()));
+        let file = |uri: &String| match container::uri(uri, "") {
+            Ok(container::Uri::File(path)) => Some(path),
+            _ => None,
+        };
+        uris.filter(|u| !u.starts_with("data:")).filter_map(file).collect()
+    }
+
     /// Takes so many numbers from what the file may unfold to.
     fn spend(&self, numbers: usize, at: &str) -> Result<(), GltfError> {
         let left = self.left.get().checked_sub(numbers).ok_or_else(|| GltfError::TooLarge {

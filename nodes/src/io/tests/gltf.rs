@@ -214,3 +214,24 @@ fn a_stream_is_baked_on_twos_with_a_target_for_each_drawing() {
     let weights: Vec<Vec<f64>> = values[1].iter().map(|v| downcast::<Weights>(v.clone()).unwrap().weights.clone()).collect();
     assert_eq!(weights, [[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]);
 }
+
+#[test]
+fn what_a_file_names_is_watched_with_it() {
+    let stage = Stage::new();
+    let file = br#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":4,"uri":"a%20b.bin"},{"byteLength":4,"uri":"gone.bin"}],"images":[{"uri":"a.png"}]}"#;
+    ["a.gltf", "a b.bin", "a.png"].iter().for_each(|name| stage.put(name, file));
+    let graph = stage.graph((1, 2), r#""in": (type: "io.read_gltf", path: "a.gltf")"#);
+    let files = pegbar_engine::key::files_of(&graph, graph.find("in").unwrap(), 0);
+    assert_eq!(files, ["a.gltf", "a b.bin", "a.png"].map(|name| stage.path(name)));
+    let digests = |bytes: &[u8]| {
+        stage.put("a b.bin", bytes);
+        let target = pegbar_engine::plan::Target { node: graph.find("in").unwrap(), frames: None };
+        let plan = match pegbar_engine::plan::plan(&graph, &[target], &[], pegbar_engine::plan::Known::new()) {
+            Ok(pegbar_engine::plan::Planned::Ready(plan)) => plan,
+            _ => panic!("a plan of one source"),
+        };
+        let keys = pegbar_engine::key::Keys::of(&graph, &plan, &pegbar_engine::stamp::Files::new(None)).unwrap();
+        keys.value(graph.find("in").unwrap(), 0, 0)
+    };
+    assert_ne!(digests(b"1234"), digests(b"4321"), "another buffer is another key");
+}
