@@ -1,7 +1,7 @@
 //! What nodes of keyframes share: the list of one setting, the checks of another.
 
 use pegbar_engine::node::Problem;
-use pegbar_engine::setting::{Setting, SettingError};
+use pegbar_engine::setting::{Choice, Setting, SettingError};
 
 use crate::algo::keyframes::Easing;
 
@@ -12,6 +12,10 @@ pub(crate) struct Easings(pub(crate) Vec<Easing>);
 impl Setting for Easings {
     fn type_name() -> String {
         format!("{}, or a list of these", Easing::type_name())
+    }
+
+    fn choices() -> Vec<Choice> {
+        Easing::choices()
     }
 
     fn parse(text: &str) -> Result<Self, SettingError> {
