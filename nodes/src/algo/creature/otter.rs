@@ -168,7 +168,7 @@ fn regions() -> Vec<Region> {
     let mut all = vec![region(PALE, bib)];
     for (side, _) in SIDES {
         let at = |x: f64, y: f64, z: f64| [side * x, y, z];
-        all.push(region(DARK, vec![cone(at(0.305, 0.445, 0.02), at(0.36, 0.38, 0.02), [0.075, 0.08], 0.0)]));
+        all.push(region(DARK, vec![cone(at(0.302, 0.455, 0.03), at(0.36, 0.38, 0.02), [0.08, 0.09], 0.0)]));
         all.push(region(DARK, vec![ellipsoid(at(0.1, 0.0, 0.13), [0.3, 0.075, 0.12], [0.0; 3], 0.0)]));
         all.push(region(PINK, vec![head_blob(at(0.133, 0.957, 0.014), [0.019, 0.018, 0.016], [0.0, 18.0 * side, 0.0], 0.0)]));
     }
