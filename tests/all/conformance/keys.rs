@@ -94,6 +94,10 @@ fn others(schema: &NodeSchema, input: &InputSchema) -> Vec<String> {
 
 /// How one input fares: `Ok` where another value gives other keys throughout.
 fn examine(folder: &Path, registry: &Registry, schema: &NodeSchema, base: &[(String, String)], input: &InputSchema) -> Result<(), String> {
+    if input.choices.len() == 1 {
+        // The one choice that there is can be no other.
+        return Ok(());
+    }
     let before = check(folder, &text(schema.id, base), registry);
     let before = keys(before.graph.as_ref().ok_or_else(|| complaints(&before))?)?;
     let mut refused = String::new();

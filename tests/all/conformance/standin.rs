@@ -162,11 +162,11 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
     let InputType::Setting { name, .. } = &input.ty else { return Vec::new() };
     match (name.as_str(), schema.id) {
         ("number", _) => texts(&["0.25", "0.75", "1.5", "3.0", "40.0", "-0.25"]),
-        ("whole number", _) => texts(&["1", "2", "3", "7", "100"]),
+        ("whole number", _) => texts(&["1", "2", "3", "7", "100", "5000"]),
         ("true or false", _) => texts(&["true", "false"]),
         ("pair of whole numbers", _) => texts(&["(16, 12)", "(3, 5)", "(300, 200)"]),
         ("four whole numbers", _) => texts(&["(0, 0, 4, 4)", "(1, 1, 3, 3)"]),
-        ("pair of numbers", _) => texts(&["(0.25, 0.75)", "(1.0, 3.0)", "(20.0, 40.0)"]),
+        ("pair of numbers", _) => texts(&["(0.25, 0.75)", "(1.0, 3.0)", "(20.0, 40.0)", "(-0.25, 1.25)"]),
         ("three numbers", _) => texts(&["(0.25, 0.5, 0.75)", "(0.5, 0.5, 0.5)"]),
         ("four numbers", _) => texts(&["(0.25, 0.5, 0.75, 1.0)", "(1.0, 2.0, 3.0, 4.0)", "(0.5, 0.5, 0.5, 0.5)"]),
         ("list of numbers", _) => texts(&["[0.5, 0.25]", "[1.0]"]),
