@@ -86,6 +86,9 @@ impl Skyline {
 
     /// Solves for `width` right-hand sides at once, those of one point next to each other; the first point in order comes out as 0.
     pub(crate) fn solve(&self, sides: &mut [f64], width: usize) {
+        if width == 0 {
+            return;
+        }
         let n = self.first.len();
         let mut x = vec![0.0; n * width];
         for (i, &r) in self.row.iter().enumerate().filter(|&(_, &r)| r > 0) {

@@ -186,7 +186,7 @@ fn clip_art_looks_as_its_own_rasters() {
         ("dancer_sketch_erich_schu_01", 0.02),
         ("red-eye_frog_mirko_maisc_01", 0.02),
         ("red_fedora", 0.06),
-        ("tophat_benji_park_01", 0.06),
+        ("tophat_benji_park_01", 0.07),
     ] {
         let file = |kind: &str| folder.join(format!("{name}.{kind}")).display().to_string();
         let nodes = format!(
