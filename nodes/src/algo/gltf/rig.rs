@@ -17,7 +17,7 @@ pub struct Rig {
     pub rest: Vec<Joint>,
     /// Name of each joint; `node 7` for a node without one.
     pub names: Vec<String>,
-    /// For each joint, joint at rest from mesh at rest.
+    /// For each joint, joint at rest from mesh at rest; the identity where no mesh is bound.
     pub inverse_bind: Vec<Matrix4<f64>>,
     /// The joint of each node that has one.
     pub(super) joints: Vec<Option<usize>>,
@@ -158,7 +158,7 @@ impl Document {
                 rig.rigid[n] = Some(put(rig, joint, Matrix4::identity()));
             }
         }
-        rig.inverse_bind = bound.into_iter().map(Option::unwrap_or_default).collect();
+        rig.inverse_bind = bound.into_iter().map(|m| m.unwrap_or_else(Matrix4::identity)).collect();
         Ok(())
     }
 }

@@ -90,7 +90,7 @@ fn a_thing_without_a_skin_hangs_on_a_joint_of_its_own() {
         (&thing.triangles[..], &thing.joints[..4], &thing.weights[..4]),
         (&[[0, 1, 2]][..], &[1, 1, 1, 1][..], &[1.0, 0.0, 0.0, 0.0][..])
     );
-    assert_eq!(rig.rest[1].scale, Vector3::repeat(2.0));
+    assert_eq!((rig.rest[1].scale, &rig.inverse_bind[..]), (Vector3::repeat(2.0), &[Matrix4::identity(); 2][..]));
 }
 
 #[test]
@@ -356,6 +356,8 @@ fn what_is_written_is_read_again() {
         let figure = document.character(&rig, None, None).unwrap();
         // One joint stands for what nothing moves, and one for all roots, as a skin has one.
         assert_eq!(rig.names, ["roots", "upper", "lower", "unmoved"]);
+        // What is above the bones is no bone: it stays unbound.
+        assert_eq!((rig.inverse_bind[0], rig.skins[0].len()), (Matrix4::identity(), 3));
         let names: Vec<&str> = figure.joints.chunks_exact(4).map(|j| rig.names[j[0] as usize].as_str()).collect();
         assert_eq!(names, ["upper", "upper", "lower", "unmoved"]);
         assert_eq!(figure.weights[..8], [1.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0]);
