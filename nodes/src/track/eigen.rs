@@ -91,8 +91,8 @@ pub(crate) struct TrackEigen {
     /// How much the spread of the examples holds the pose: 0 not at all, 1 as their probability says.
     #[input(default = 1.0, range = 0.0..=1000000.0)]
     prior: f64,
-    /// Most pixels of a level that are looked at, those with the most detail. Fewer are quicker.
-    #[input(default = 65536, range = 1024..=1000000000)]
+    /// Most pixels of a level that are looked at, of those with detail. Fewer are quicker, more are surer in grain.
+    #[input(default = 8192, range = 1024..=1000000000)]
     pixels: u32,
     /// An iteration that moves no corner by more than this, nor the pose by this share of its spread, is the last. 0 runs all of them.
     #[input(default = 0.01, range = 0.0..=10.0, unit = "px")]

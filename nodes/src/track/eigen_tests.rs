@@ -139,7 +139,6 @@ fn try_run(track: &str, outputs: &[usize]) -> Result<Vec<Vec<ValueRef>>, String>
             "all": (type: "keys.inbetween", keys: "@keys.keys", images: ["@keys.first", "@keys.second", "@keys.third"], count: 5),
             "space": (type: "keys.basis", keys: "@all.keys", images: "@all.images", components: 10),
             "shapes": (type: "keys.basis", keys: "@all.keys"),
-            "few": (type: "keys.inbetween", keys: "@keys.keys", count: 0),
             "track": (type: "track.eigen", image: "@plate.image", {track}) }})"#
     );
     let registry = crate::registry().per_frame::<TestKeys>().per_frame::<TestWorm>();
@@ -184,5 +183,5 @@ fn what_cannot_be_tracked_is_told_in_words() {
         assert!(error.contains(text), "{error}");
     };
     told(r#"basis: "@shapes.basis""#, "expected a space of pictures");
-    told(r#"basis: "@space.basis", keys: "@few.keys""#, "expected 18 contours, one for each picture, or the 11 of the space, found 3");
+    told(r#"basis: "@space.basis", keys: "@keys.keys""#, "expected 18 contours, one for each picture, or the 11 of the space, found 3");
 }

@@ -65,7 +65,7 @@ pub struct EigenOptions {
 
 impl Default for EigenOptions {
     fn default() -> Self {
-        Self { prior: 1.0, pixels: 65536, poses: 8 }
+        Self { prior: 1.0, pixels: 8192, poses: 8 }
     }
 }
 

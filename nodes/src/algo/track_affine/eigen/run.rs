@@ -8,7 +8,7 @@ use super::super::region::{has_finite, window_of};
 use super::super::run::{CALM, Cut, FITS, FITS_WELL, LEAST_OVERLAP, UNSEEN, View, grid};
 use super::super::solve::{Equations, Hold, Sums, away, distance, increment, is_sane, project, solve_equations, update};
 use super::super::start::{carrying, extrapolate, moments, moved_bounds, shifted, transport, unrest};
-use super::super::{GOOD_ENOUGH, Guess, LOST, Model, Search, Status, TURNS};
+use super::super::{Guess, LOST, Model, Search, Status, TURNS};
 use super::space::{Curvature, Space};
 use super::{EigenStart, EigenTemplate, EigenTrack};
 use crate::algo::raster::{Affine, Raster, apply, identity};
@@ -49,12 +49,13 @@ struct Attempt {
     radius: f64,
     keyed: bool,
     turned: bool,
-    lost: bool,
 }
 
 /// Motions that are tried, each with a pose; those that need no reason.
 struct Guesses {
     all: Vec<Place>,
+    /// How many of them, from the first, go on from the frame before.
+    informed: usize,
     expected: Vec<Affine>,
 }
 
@@ -126,7 +127,7 @@ impl EigenTemplate {
         let guesses = self.guesses(frame, matte, start);
         let mut best: Option<EigenTrack> = None;
         for attempt in self.attempts(matte.is_some()) {
-            let enough = self.options.max_dissimilarity.min(if attempt.lost { LOST } else { GOOD_ENOUGH });
+            let enough = self.options.max_dissimilarity.min(LOST);
             if best.as_ref().is_some_and(|b| b.dissimilarity <= enough) {
                 break;
             }
@@ -154,7 +155,7 @@ impl EigenTemplate {
     }
 
     fn attempts(&self, keyed: bool) -> Vec<Attempt> {
-        let only = |radius| vec![Attempt { radius, keyed, turned: false, lost: false }];
+        let only = |radius| vec![Attempt { radius, keyed, turned: false }];
         let size = libm::sqrt((self.bounds[2] - self.bounds[0]) * (self.bounds[3] - self.bounds[1]));
         let radius = (0.35 * size).max(8.0);
         match self.options.search {
@@ -162,9 +163,9 @@ impl EigenTemplate {
             Search::Radius(r) => only(r),
             Search::Whole => only(f64::INFINITY),
             Search::Auto => vec![
-                Attempt { radius: 0.0, keyed, turned: false, lost: false },
-                Attempt { radius, keyed, turned: false, lost: false },
-                Attempt { radius: 3.0 * radius, keyed, turned: true, lost: true },
+                Attempt { radius: 0.0, keyed, turned: false },
+                Attempt { radius, keyed, turned: false },
+                Attempt { radius: 3.0 * radius, keyed, turned: true },
             ],
         }
     }
@@ -179,6 +180,7 @@ impl EigenTemplate {
         let ahead = before.and_then(|b| extrapolate(&last, &b));
         let mut all: Vec<Place> = ahead.into_iter().chain([last]).map(|m| Place { motion: own(&m), pose: pose.clone() }).collect();
         let mut expected: Vec<Affine> = all.iter().map(|p| p.motion).collect();
+        let n_before = all.len();
         let to = matte.filter(|_| self.options.guess != Guess::Previous).and_then(|m| moments(m, frame.width));
         for p in [&pose].into_iter().chain(&self.poses) {
             if let (Some(from), Some(to)) = (self.moments_of(p), &to)
@@ -189,12 +191,12 @@ impl EigenTemplate {
                 expected.push(own(&m));
             }
         }
-        if self.options.guess == Guess::Moments && all.len() > 2 {
-            all.drain(..2);
+        if self.options.guess == Guess::Moments && all.len() > n_before {
+            all.drain(..n_before);
         }
         // From where the character was, in another pose: a cut from key to key.
         all.extend(self.poses.iter().map(|p| Place { motion: own(&last), pose: p.clone() }));
-        Guesses { all, expected }
+        Guesses { informed: n_before + 1, all, expected }
     }
 
     /// Every turn that gives some pose the moments of the matte.
@@ -254,7 +256,7 @@ impl Run<'_> {
     }
 
     fn report(&self, at: Refined, margin: f64) -> EigenTrack {
-        let dissimilarity = self.shown[0].dissimilarity(&self.scratch);
+        let dissimilarity = self.spaces[0].dissimilarity(&self.shown[0], &self.scratch);
         let status = match at.status {
             _ if dissimilarity > self.template.options.max_dissimilarity => Status::Unlike,
             Status::Converged if at.condition > UNSEEN => Status::Underdetermined,
@@ -298,6 +300,10 @@ impl Run<'_> {
         for start in starts {
             let posed = self.posed(top, frame, start, 1.0);
             tried.push((self.cost(frame, &posed) + dues(&posed.motion), posed));
+            // The best informed come first: where one of them fits, the character goes on as it went.
+            if how.radius == 0.0 && tried.len() >= guesses.informed && tried.iter().any(|t| t.0 < FITS) {
+                break;
+            }
         }
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
         let first = tried.first()?.1.clone();

@@ -9,7 +9,9 @@ use super::super::planes::Planes;
 /// Pixels that are worked on together, so that what is read again is still in the cache.
 const BLOCK: usize = 1024;
 /// Share of what can be seen that may be left out.
-const SPARED: f64 = 0.002;
+const SPARED: f64 = 0.01;
+/// A level of so few pixels is kept whole.
+const FEW: usize = 2048;
 
 /// A level of the space.
 #[derive(Clone, Debug)]
@@ -22,6 +24,10 @@ pub(super) struct Space {
     cover: Vec<Vec<f32>>,
     /// Centred and scaled coordinates of each pixel.
     at: [Vec<f32>; 2],
+    /// Contrast and weight of the mean with the pixels that are left out.
+    whole: (f64, f64),
+    /// Root of how many pixels each one that is kept stands for.
+    kept: f64,
 }
 
 /// The pictures of one level.
@@ -52,10 +58,19 @@ impl Space {
     pub(super) fn new(layers: &Layers, sigma: f64, centre: [f64; 2], scale: f64) -> Option<Self> {
         let looks: Vec<[Planes; 3]> = layers.pictures.iter().map(|p| slopes(p, sigma)).collect();
         let width = looks[0][0].width;
-        let spans = telling(&interest(&looks, layers), layers.weight, width, layers.most);
+        let (spans, kept) = telling(&interest(&looks, layers), layers.weight, width, layers.most);
         let mean = Level::on(&looks[0], layers.weight, &spans, centre, scale)?;
+        let whole = contrast(&looks[0][0], layers.weight);
         let cover = layers.cover.iter().map(|c| packed(&c.data[0], width, &spans, 1.0)).collect();
-        Some(Self { at: mean.coordinates(), parts: looks[1..].iter().map(|l| packed_looks(l, &spans)).collect(), cover, mean })
+        Some(Self { whole, kept, at: mean.coordinates(), parts: looks[1..].iter().map(|l| packed_looks(l, &spans)).collect(), cover, mean })
+    }
+
+    /// Root mean square of the last residuals of `level` over the contrast; pixels that are left out are taken to fit.
+    pub(super) fn dissimilarity(&self, level: &Level, scratch: &Scratch) -> f64 {
+        let (contrast, total) = self.whole;
+        // The residuals stand for the pixels that are kept: of those that a budget cut, others like them are there.
+        let share = self.kept * libm::sqrt(level.total / total);
+        level.dissimilarity(scratch) * share * level.contrast / contrast.max(f64::MIN_POSITIVE)
     }
 
     /// Makes `level`, a copy of the mean, the picture of these coefficients; its slopes too where asked for.
@@ -145,8 +160,22 @@ fn interest(looks: &[[Planes; 3]], layers: &Layers) -> Vec<f32> {
     out
 }
 
-/// The chunks of pixels that say nearly all that can be said: flat paint says where nothing is.
-fn telling(interest: &[f32], weight: &[f32], width: usize, most: usize) -> Vec<Span> {
+/// Weighted standard deviation of a picture, all channels together, and the sum of the weights.
+fn contrast(picture: &Planes, weight: &[f32]) -> (f64, f64) {
+    let total: f64 = weight.iter().map(|w| f64::from(*w)).sum();
+    let variance = |plane: &Vec<f32>| {
+        let sums = plane.iter().zip(weight).fold([0.0, 0.0], |[s, ss], (v, w)| {
+            let (v, w) = (f64::from(*v), f64::from(*w));
+            [s + w * v, ss + w * v * v]
+        });
+        (sums[1] / total - sums[0] * sums[0] / (total * total)).max(0.0)
+    };
+    (libm::sqrt(picture.data.iter().map(variance).sum()), total)
+}
+
+/// The chunks of pixels that say nearly all that can be said, as flat paint says where nothing is; of more than `most` pixels an even choice. And the root of how
+/// many chunks each of them stands for.
+fn telling(interest: &[f32], weight: &[f32], width: usize, most: usize) -> (Vec<Span>, f64) {
     let mut chunks: Vec<(f64, Span)> = Vec::new();
     for (row, (w, e)) in weight.chunks_exact(width).zip(interest.chunks_exact(width)).enumerate() {
         let Some(left) = w.iter().position(|&v| v > 0.0) else { continue };
@@ -160,22 +189,26 @@ fn telling(interest: &[f32], weight: &[f32], width: usize, most: usize) -> Vec<S
     // A stable sort: equal chunks stay in the order of the picture.
     chunks.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (mut said, mut kept) = (0.0, 0);
-    let few = 4096 / LANES;
-    while kept < chunks.len() && (kept < few || (said < (1.0 - SPARED) * total && (kept + 1) * LANES <= most)) {
+    while kept < chunks.len() && (kept < FEW / LANES || said < (1.0 - SPARED) * total) {
         said += chunks[kept].0;
         kept += 1;
     }
     chunks.truncate(kept);
     let mut spans: Vec<Span> = chunks.into_iter().map(|c| c.1).collect();
     spans.sort_by_key(|s| (s.row, s.first));
+    let room = (most / LANES).max(1);
+    let stands_for = (kept as f64 / room as f64).max(1.0);
+    if kept > room {
+        spans = (0..room).map(|i| spans[i * kept / room]).collect();
+    }
     spans.dedup_by(|b, a| {
-        let joined = a.row == b.row && a.end == b.first;
+        let joined = a.row == b.row && a.end == b.first && (a.end - a.first).is_multiple_of(LANES);
         if joined {
             a.end = b.end;
         }
         joined
     });
-    spans
+    (spans, libm::sqrt(stands_for))
 }
 
 /// `out` = `mean` + the parts times their coefficients.
