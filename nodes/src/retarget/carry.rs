@@ -6,6 +6,7 @@ use pegbar_engine::node::{Fault, NodeError};
 use crate::algo::compatible::Point;
 use crate::algo::curve_bend::CurveBend;
 use crate::algo::paint::{FillRule, coverage, polygon};
+use crate::algo::raster::Affine;
 use crate::algo::warp_affine::{Filter, Source};
 use crate::algo::warp_mesh::{MeshWarp, band, band_triangles};
 use crate::algo::window::Window;
@@ -63,6 +64,12 @@ impl Carried {
             made.triangles.extend([[a, b, c], [a, c, d]]);
         }
         made
+    }
+
+    /// The same, moved on by a map.
+    pub(crate) fn moved(mut self, map: &Affine) -> Self {
+        self.to = super::moved(&self.to, map);
+        self
     }
 
     /// What the mesh covers in the result; `None` where that is out of the range of pixels.

@@ -20,7 +20,7 @@ use pegbar_engine::{Node, Outputs};
 use super::{Carried, Edge, How, Made, Ready, covered, cut, dissolve, moved, placed, ready, refused, with_alpha};
 use crate::algo::curve_bend::{CurveBend, Options as BendOptions};
 use crate::algo::key_blend::Interpolation;
-use crate::algo::raster::invert;
+use crate::algo::raster::{Affine, invert};
 use crate::algo::track_affine::Model;
 use crate::algo::warp_affine::Filter;
 use crate::algo::window::Window;
@@ -34,7 +34,7 @@ use crate::keys::AlignTo;
 #[derive(Node)]
 #[node(
     id = "retarget.image",
-    version = 1,
+    version = 2,
     kind = recurrent,
     outputs = RetargetImageOutputs,
     source = "Bregler, Loeb, Chuang, Deshpande 2002, section 3.4",
@@ -126,18 +126,19 @@ impl RetargetImage {
         }
     }
 
-    /// What carries a key's picture to the points of the blend.
-    fn carried(&self, made: &Made, key: usize, image: &Image, points: &[[f64; 2]]) -> Result<Carried, NodeError> {
+    /// What carries a key's picture to the points of the blend, and on by the motion.
+    fn carried(&self, made: &Made, key: usize, image: &Image, points: &[[f64; 2]], map: &Affine) -> Result<Carried, NodeError> {
         let (blend, motion) = (&made.blend, &made.motions[key]);
         let drawn =
             invert(motion).ok_or_else(|| refused(format!("key {key}: expected points that are not on a line to align, found some")))?;
         let from = moved(&blend.keys()[key], &drawn);
         if self.keys.closed {
-            return Ok(Carried::filled(blend.triangles(), blend.n_contour(), &from, points, self.margin.max(1.0)));
+            return Ok(Carried::filled(blend.triangles(), blend.n_contour(), &from, &moved(points, map), self.margin.max(1.0)));
         }
+        // An open curve has no width: only the blend bends, so that the motion scales and squashes what is around the curve as it does the curve.
         let options = BendOptions { falloff: self.falloff, volume: self.volume };
         let bend = CurveBend::new(&from, points, options).map_err(|e| refused(format!("key {key}: {e}")))?;
-        Ok(Carried::bent(image, &bend))
+        Ok(Carried::bent(image, &bend).moved(map))
     }
 
     fn draw(&self, made: &Made) -> Result<Image, NodeError> {
@@ -150,15 +151,16 @@ impl RetargetImage {
             return Err(refused("expected pictures of the same channels, found others"));
         }
         let map = placed(self.place.as_deref(), self.motion.as_deref())?;
-        let points = moved(&blend.blend(&self.weights.weights).map_err(refused)?, &map);
-        let layer = |((key, share, _), image): (&(usize, f64, &Image), _)| Ok((self.carried(made, *key, image, &points)?, image, *share));
+        let points = blend.blend(&self.weights.weights).map_err(refused)?;
+        let layer =
+            |((key, share, _), image): (&(usize, f64, &Image), _)| Ok((self.carried(made, *key, image, &points, &map)?, image, *share));
         let layers: Vec<(Carried, &Image, f64)> = pictures.iter().zip(&used).map(layer).collect::<Result<_, NodeError>>()?;
         let window = covered(&layers)?;
         let window = if self.expand { window } else { window.intersect(&format) };
         let mut samples = dissolve(&layers, channels, self.filter, window)?;
         let had_alpha = pictures.iter().all(|(_, _, p)| p.alpha().is_some());
         if self.keys.closed && (self.edge == Edge::Cut || self.edge == Edge::Auto && !had_alpha) {
-            cut(&mut samples, &points[..blend.n_contour()], window, channels);
+            cut(&mut samples, &moved(&points[..blend.n_contour()], &map), window, channels);
         }
         let image =
             Image::new(window.width, window.height, channels, samples).ok_or_else(|| NodeError::internal("a picture of another size"))?;

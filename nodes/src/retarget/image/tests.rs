@@ -133,6 +133,20 @@ fn an_open_curve_bends_the_picture_around_it() {
     assert!((5..25).all(|y| pixel(&image, 19, y) == [1.0; 4] && pixel(&image, 18, y)[3] < 1e-4), "{:?}", pixel(&image, 18, 12));
 }
 
+/// The motion does to what is around an open curve what it does to the curve: twice as large is twice as wide, and a mirror mirrors.
+#[test]
+fn the_motion_scales_and_mirrors_what_an_open_curve_carries() {
+    let mut large = stroke();
+    large.weights = In::new(Weights { weights: vec![1.0, 0.0] });
+    large.motion = Some(In::new(Affine2 { matrix: [[-2.0, 0.0, 80.0], [0.0, 2.0, 0.0]] }));
+    (large.volume, large.expand) = (1.0, true);
+    let image = run(large).unwrap();
+    let paint: f32 = image.samples().iter().skip(3).step_by(4).sum();
+    assert!((paint - 160.0).abs() < 4.0, "{paint}");
+    // The stroke lies from 19 to 21, and so from 38 to 42 as well; its own left side is on the right.
+    assert!((38..42).all(|x| pixel(&image, x, 30)[3] > 0.9), "{:?}", [38, 41].map(|x| pixel(&image, x, 30)[3]));
+}
+
 /// Aligned keys are blended in one place, and each picture is still read where it was drawn.
 #[test]
 fn pictures_are_read_where_they_were_drawn() {
