@@ -1,8 +1,8 @@
 //! `retarget.drawings`: captured weights and motion put on a vector character of many paths.
 //!
 //! **Method** the keys are blended by the weights, then moved by the captured motion. `linear` blends every point by itself. `extended` and `arap` blend
-//! the contour of one path, `outline`, with triangles inside ([`crate::algo::key_blend`]), and each other point goes where the triangle that it lies in, or
-//! next to, takes it: from its place in each key, these places blended by the weights, so that keys come out exactly.
+//! the contour of one path, `outline`, with triangles inside ([`crate::algo::key_blend`]), and each other point goes where the triangle that it lies in
+//! takes it, outside where those around it do: from its place in each key, these places blended by the weights, so that keys come out exactly.
 //!
 //! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 3.4 and equations 2 and 3; Alexa, Cohen-Or, Levin 2000.
 //!
@@ -118,33 +118,36 @@ impl RetargetDrawings {
         let mut sum = vec![[0.0; 2]; n];
         for (k, (mesh, &weight)) in made.blend.keys().iter().zip(weights).enumerate().filter(|(_, (_, w))| **w != 0.0) {
             for (p, out) in self.keys.key(k).iter().zip(&mut sum) {
-                let (triangle, shares) = place(made.blend.triangles(), mesh, apply(&made.motions[k], (*p).into()).into());
-                for (corner, share) in triangle.iter().zip(shares) {
-                    (0..2).for_each(|c| out[c] += weight * share * to[*corner as usize][c]);
-                }
+                let at = carry(made.blend.triangles(), mesh, &to, apply(&made.motions[k], (*p).into()).into());
+                (0..2).for_each(|c| out[c] += weight * at[c]);
             }
         }
         Ok(sum)
     }
 }
 
-/// The triangle that a point lies in, else the nearest, and its barycentric coordinates there.
-fn place(triangles: &[[u32; 3]], mesh: &[[f64; 2]], p: [f64; 2]) -> ([u32; 3], [f64; 3]) {
-    let mut best = (f64::INFINITY, [0; 3], [1.0, 0.0, 0.0]);
+/// Where triangles that go from `from` to `to` take a point: with the one that it lies in; outside, with all, the near and large ones most, so that
+/// what sticks out does not tear where the nearest one changes.
+fn carry(triangles: &[[u32; 3]], from: &[[f64; 2]], to: &[[f64; 2]], p: [f64; 2]) -> [f64; 2] {
+    let (mut sum, mut total) = ([0.0; 2], 0.0);
     for t in triangles {
-        let [a, b, c] = t.map(|i| mesh[i as usize]);
+        let [a, b, c] = t.map(|i| from[i as usize]);
         let cross = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
         let area = cross(a, b, c);
         let shares = [cross(p, b, c) / area, cross(p, c, a) / area, cross(p, a, b) / area];
-        if shares.iter().all(|s| *s >= 0.0) {
-            return (*t, shares);
-        }
+        let at = [0, 1].map(|k| t.iter().zip(shares).map(|(i, s)| s * to[*i as usize][k]).sum::<f64>());
         let away = [(a, b), (b, c), (c, a)].map(|(a, b)| distance(p, a, b)).into_iter().fold(f64::INFINITY, f64::min);
-        if away < best.0 && shares.iter().all(|s| s.is_finite()) {
-            best = (away, *t, shares);
+        if away == 0.0 || shares.iter().all(|s| *s >= 0.0) {
+            return at;
+        }
+        // The fourth power falls off faster than the number of triangles at a distance grows.
+        let share = area.abs() / (away * away * away * away);
+        if share.is_finite() && at.iter().all(|v| v.is_finite()) {
+            (0..2).for_each(|k| sum[k] += share * at[k]);
+            total += share;
         }
     }
-    (best.1, best.2)
+    if total > 0.0 { sum.map(|s| s / total) } else { p }
 }
 
 fn area(points: &[[f64; 2]]) -> f64 {
