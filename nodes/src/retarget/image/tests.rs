@@ -137,14 +137,19 @@ fn an_open_curve_bends_the_picture_around_it() {
 #[test]
 fn the_motion_scales_and_mirrors_what_an_open_curve_carries() {
     let mut large = stroke();
+    // A dab of two by two pixels to the left of the stroke.
+    let mut samples = large.image.0[0].samples().to_vec();
+    [14, 15].map(|y| samples[(y * 40 + 14) * 4..][..8].fill(1.0));
+    large.image = List(vec![In::new(Image::new(40, 30, 4, samples).unwrap())]);
     large.weights = In::new(Weights { weights: vec![1.0, 0.0] });
     large.motion = Some(In::new(Affine2 { matrix: [[-2.0, 0.0, 80.0], [0.0, 2.0, 0.0]] }));
     (large.volume, large.expand) = (1.0, true);
     let image = run(large).unwrap();
     let paint: f32 = image.samples().iter().skip(3).step_by(4).sum();
-    assert!((paint - 160.0).abs() < 4.0, "{paint}");
-    // The stroke lies from 19 to 21, and so from 38 to 42 as well; its own left side is on the right.
-    assert!((38..42).all(|x| pixel(&image, x, 30)[3] > 0.9), "{:?}", [38, 41].map(|x| pixel(&image, x, 30)[3]));
+    assert!((paint - 176.0).abs() < 5.0, "{paint}");
+    // The stroke goes from 19..21 to 38..42, the dab from 14..16 to 48..52.
+    assert!((38..42).all(|x| pixel(&image, x, 20)[3] > 0.7), "{:?}", [38, 41].map(|x| pixel(&image, x, 20)[3]));
+    assert!(pixel(&image, 49, 29)[3] > 0.7 && pixel(&image, 35, 29)[3] < 0.1, "{:?}", [35, 49].map(|x| pixel(&image, x, 29)[3]));
 }
 
 /// Aligned keys are blended in one place, and each picture is still read where it was drawn.
