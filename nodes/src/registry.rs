@@ -12,15 +12,15 @@ use crate::data::{
 };
 use crate::drawing::DrawingMerge;
 use crate::image::{
-    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageInvert,
-    ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply, ImageWarpAffine,
-    ImageWarpMesh,
+    ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageGrain,
+    ImageInvert, ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply,
+    ImageWarpAffine, ImageWarpMesh,
 };
 use crate::io::{
     IoReadDrawings, IoReadGltf, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadShapes, IoReadValue, IoWriteDrawings,
     IoWriteGltf, IoWriteImages, IoWriteTable, IoWriteValue,
 };
-use crate::keys::{KeysBasis, KeysChoose, KeysInbetween, KeysPick};
+use crate::keys::{KeysBasis, KeysChoose, KeysDraw, KeysInbetween, KeysPick};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth};
 use crate::plot::{PlotCurves, PlotPlayhead};
@@ -83,6 +83,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ImageFromMatte>()
         .per_frame::<ImageGrade>()
         .per_frame::<ImageGradient>()
+        .per_frame::<ImageGrain>()
         .per_frame::<ImageInvert>()
         .per_frame::<ImagePremultiply>()
         .per_frame::<ImageResize>()
@@ -108,6 +109,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoWriteValue>()
         .per_frame::<KeysBasis>()
         .whole::<KeysChoose>()
+        .per_frame::<KeysDraw>()
         .per_frame::<KeysInbetween>()
         .whole::<KeysPick>()
         .recurrent::<MatteColorClusters>()

@@ -112,7 +112,7 @@ impl KeysInbetween {
         if own.len() != self.keys.points.shape()[0] {
             return Vec::new();
         }
-        let between = steps(own.len(), self.count as usize).map(|(i, j, t)| format!("{} to {} at {t:.3}", own[i], own[j]));
+        let between = steps(own.len(), self.count as usize).map(|(i, j, t)| step_name(&own[i], &own[j], t));
         own.iter().cloned().chain(between).collect()
     }
 
@@ -166,8 +166,13 @@ impl KeysInbetween {
     }
 }
 
+/// Name of a place between two keys.
+pub(super) fn step_name(a: &str, b: &str, t: f64) -> String {
+    format!("{a} to {b} at {t:.3}")
+}
+
 /// Weights of a place between two of `k` keys.
-fn pair(k: usize, i: usize, j: usize, t: f64) -> Vec<f64> {
+pub(super) fn pair(k: usize, i: usize, j: usize, t: f64) -> Vec<f64> {
     (0..k).map(|n| if n == i { 1.0 - t } else { 0.0 } + if n == j { t } else { 0.0 }).collect()
 }
 

@@ -3,12 +3,14 @@
 mod align;
 mod basis;
 mod choose;
+mod draw;
 mod inbetween;
 mod pick;
 
 pub(crate) use align::{AlignTo, align};
 pub(crate) use basis::KeysBasis;
 pub(crate) use choose::KeysChoose;
+pub(crate) use draw::KeysDraw;
 pub(crate) use inbetween::KeysInbetween;
 pub(crate) use pick::KeysPick;
 

@@ -82,7 +82,23 @@ impl RenderDrawings {
         let window = Window::from_bounds(0, 0, w, h);
         Ok((window, window))
     }
+}
 
+/// How lines are drawn: the settings of [`RenderDrawings`] of these names.
+pub(crate) struct Pen {
+    line_scale: f64,
+    taper: f64,
+    swell: f64,
+    light_deg: f64,
+}
+
+impl Default for Pen {
+    fn default() -> Self {
+        Self { line_scale: 1.0, taper: 0.0, swell: 0.0, light_deg: 135.0 }
+    }
+}
+
+impl Pen {
     /// The outline of the ink of a line.
     fn ink(&self, contour: &Contour, path: &BezPath, points: &[Point], width: f64) -> BezPath {
         // A line without a length is a dot, as round caps say.
@@ -99,9 +115,9 @@ impl RenderDrawings {
         }
     }
 
-    fn draw(&self, samples: &mut [f32], window: Window) -> Result<(), NodeError> {
+    /// Paints a drawing on samples that fill `window`.
+    pub(crate) fn draw(&self, art: &Drawing, samples: &mut [f32], window: Window) -> Result<(), NodeError> {
         let mut canvas = Canvas::new(samples, window.width, window.height).map_err(|e| NodeError::internal(e.to_string()))?;
-        let art = &*self.drawing;
         for (i, contours) in art.outlines().iter().enumerate() {
             let width = art.width[i] * self.line_scale;
             finite(art, i, contours, width)?;
@@ -179,12 +195,13 @@ impl PerFrame for RenderDrawings {
             let colour = faded(screen([r, g, b]), a);
             samples.chunks_exact_mut(4).for_each(|pixel| pixel.copy_from_slice(&colour));
         }
+        let pen = Pen { line_scale: self.line_scale, taper: self.taper, swell: self.swell, light_deg: self.light_deg };
         if self.opacity >= 1.0 {
-            self.draw(&mut samples, window)?;
+            pen.draw(&self.drawing, &mut samples, window)?;
             return drawing(window, display, samples);
         }
         let mut layer = blank(window)?;
-        self.draw(&mut layer, window)?;
+        pen.draw(&self.drawing, &mut layer, window)?;
         laid(&mut samples, &layer, self.opacity);
         drawing(window, display, samples)
     }

@@ -9,7 +9,7 @@ mod strip;
 pub(crate) mod tests;
 mod toon;
 
-pub(crate) use drawings::RenderDrawings;
+pub(crate) use drawings::{Pen, RenderDrawings};
 pub(crate) use shadow::RenderShadow;
 pub(crate) use shapes::RenderShapes;
 pub(crate) use strip::RenderStrip;

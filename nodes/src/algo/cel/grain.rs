@@ -11,7 +11,7 @@ const HIGH: f64 = 1.5;
 
 /// Adds grain of `sigma` / 255 display units to the colours of an RGBA picture in linear light; two thirds of its variance is shared by the
 /// three channels, as in a projected print. Alpha stays. Nothing happens where `sigma` is 0. Cost: O(pixels).
-pub(super) fn add_grain(image: &mut [f32], width: usize, sigma: f64, seed: u64, frame: u64) {
+pub(crate) fn add_grain(image: &mut [f32], width: usize, sigma: f64, seed: u64, frame: u64) {
     if sigma == 0.0 || width == 0 {
         return;
     }

@@ -18,6 +18,7 @@ mod noise;
 use crate::algo::paint::{BezPath, FillRule, coverage, polygon};
 use crate::algo::raster::{Affine, apply, compose, invert};
 use drawing::Drawing;
+pub(crate) use grain::add_grain;
 use ground::Place;
 use kurbo::Point;
 use nalgebra::Vector2;
