@@ -139,7 +139,9 @@ fn the_motion_scales_and_mirrors_what_an_open_curve_carries() {
     let mut large = stroke();
     // A dab of two by two pixels to the left of the stroke.
     let mut samples = large.image.0[0].samples().to_vec();
-    [14, 15].map(|y| samples[(y * 40 + 14) * 4..][..8].fill(1.0));
+    for y in [14, 15] {
+        samples[(y * 40 + 14) * 4..][..8].fill(1.0);
+    }
     large.image = List(vec![In::new(Image::new(40, 30, 4, samples).unwrap())]);
     large.weights = In::new(Weights { weights: vec![1.0, 0.0] });
     large.motion = Some(In::new(Affine2 { matrix: [[-2.0, 0.0, 80.0], [0.0, 2.0, 0.0]] }));
