@@ -119,10 +119,10 @@ pub(super) fn crop(picture: Raster, channels: &[usize], window: Window, tone: To
             let row = &picture.row(y)[x0 * stride + c..];
             if let Some(key) = key.filter(|k| k.premultiplied) {
                 let behind = key.behind.get(c).copied().unwrap_or(0.0);
-                for (i, ((o, px), &m)) in out.iter_mut().zip(row.chunks(stride)).zip(&key.matte[y * pw + x0..]).enumerate() {
-                    let m = unit(m);
-                    let own = if m > 0.0 && m < 1.0 { covered(&picture, key.matte, c, [x0 + i, y], m) } else { m * px[0] };
-                    *o = toned(own, tone) + (1.0 - m) * behind;
+                let matte = &key.matte[y * pw + x0..y * pw + x0 + out.len()];
+                key_row(out, row, stride, matte, [behind, f32::from(u8::from(tone == Tone::Encoded))]);
+                for (i, (o, &m)) in out.iter_mut().zip(matte).enumerate().filter(|(_, (_, m))| **m > 0.0 && **m < 1.0) {
+                    *o = toned(covered(&picture, key.matte, c, [x0 + i, y], m), tone) + (1.0 - m) * behind;
                 }
                 return;
             }
@@ -144,6 +144,15 @@ pub(super) fn crop(picture: Raster, channels: &[usize], window: Window, tone: To
     }
     let (width, height) = ((window.x1 - window.x0) as usize, (window.y1 - window.y0) as usize);
     Planes { width, height, origin: [window.x0 as f64, window.y0 as f64], step: 1.0, data }
+}
+
+/// A row of a premultiplied key as if no pixel were covered in part; `how` is the colour behind, and 1 where tones are encoded.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn key_row(out: &mut [f32], row: &[f32], stride: usize, matte: &[f32], how: [f32; 2]) {
+    let tone = if how[1] > 0.0 { Tone::Encoded } else { Tone::Linear };
+    for ((o, px), &m) in out.iter_mut().zip(row.chunks(stride)).zip(matte) {
+        *o = toned(unit(m) * px[0], tone) + (1.0 - unit(m)) * how[0];
+    }
 }
 
 /// What the layer itself has of a pixel that it covers by `m`: the pixel less its share of the ground, which is taken from the free pixels around it.

@@ -186,6 +186,8 @@ pub struct EigenTemplate {
     scale: f64,
 }
 
+/// Least size of the region at the coarsest level, in samples: poses are to be told apart.
+const COARSEST: f64 = 16.0;
 /// Alpha under which a pixel is outside.
 const OUTSIDE: f32 = 0.02;
 
@@ -243,7 +245,7 @@ impl EigenTemplate {
     fn build(&mut self, pictures: &Pictures, support: &Support) {
         let size = (self.bounds[2] - self.bounds[0]).min(self.bounds[3] - self.bounds[1]);
         let mut levels = self.options.levels;
-        while levels > 1 && size / f64::from(1u32 << (levels - 1)) < 10.0 {
+        while levels > 1 && size / f64::from(1u32 << (levels - 1)) < COARSEST {
             levels -= 1;
         }
         let canvas = Canvas::new(pictures, levels, self.options.sigma);

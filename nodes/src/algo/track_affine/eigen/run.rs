@@ -23,6 +23,8 @@ const FORGIVING: f64 = 6.0;
 const FARTHEST: f64 = 6.0;
 /// Visibility under which a direction is held where it started: what the pose can show as well is not unseen.
 const HARDLY: f64 = 0.002;
+/// How much longer steps get that go on in one direction.
+const LENGTHENED: f64 = 1.5;
 /// Iterations at the levels but the finest: what is not found there is found below.
 const COARSE_ITERATIONS: usize = 8;
 
@@ -49,6 +51,8 @@ struct Attempt {
     radius: f64,
     keyed: bool,
     turned: bool,
+    /// From the best informed guesses alone, and no further where none of them fits.
+    brief: bool,
 }
 
 /// Motions that are tried, each with a pose; those that need no reason.
@@ -75,6 +79,16 @@ struct Run<'a> {
 struct Step {
     motion: Vector6<f64>,
     pose: DVector<f64>,
+}
+
+impl Step {
+    /// Cosine of the angle to the step before, poses over the spread of the examples.
+    fn along(&self, before: Option<&Self>, variances: &[f64]) -> Option<f64> {
+        let before = before?;
+        let spread = variances.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let scaled = |a: &Self, b: &Self| a.motion.dot(&b.motion) + a.pose.dot(&b.pose) / spread;
+        Some(scaled(self, before) / libm::sqrt(scaled(self, self) * scaled(before, before)).max(f64::MIN_POSITIVE))
+    }
 }
 
 /// The normal equations at the last linearisation.
@@ -155,7 +169,7 @@ impl EigenTemplate {
     }
 
     fn attempts(&self, keyed: bool) -> Vec<Attempt> {
-        let only = |radius| vec![Attempt { radius, keyed, turned: false }];
+        let only = |radius| vec![Attempt { radius, keyed, turned: false, brief: false }];
         let size = libm::sqrt((self.bounds[2] - self.bounds[0]) * (self.bounds[3] - self.bounds[1]));
         let radius = (0.35 * size).max(8.0);
         match self.options.search {
@@ -163,9 +177,10 @@ impl EigenTemplate {
             Search::Radius(r) => only(r),
             Search::Whole => only(f64::INFINITY),
             Search::Auto => vec![
-                Attempt { radius: 0.0, keyed, turned: false },
-                Attempt { radius, keyed, turned: false },
-                Attempt { radius: 3.0 * radius, keyed, turned: true },
+                Attempt { radius: 0.0, keyed, turned: false, brief: true },
+                Attempt { radius: 0.0, keyed, turned: false, brief: false },
+                Attempt { radius, keyed, turned: false, brief: false },
+                Attempt { radius: 3.0 * radius, keyed, turned: true, brief: false },
             ],
         }
     }
@@ -222,7 +237,8 @@ impl Run<'_> {
         let coarsest = self.spaces[top].mean.step;
         let (size, bounds) = ([self.view.frame.width, self.view.frame.height], self.template.bounds);
         let margin = (2.0 + 2.0 * options.sigma) * coarsest;
-        let starts: Vec<Place> = guesses.all.iter().chain(turned).cloned().collect();
+        let most = if how.brief { guesses.informed.min(guesses.all.len()) } else { guesses.all.len() };
+        let starts: Vec<Place> = guesses.all[..most].iter().chain(turned).cloned().collect();
         let motions: Vec<Affine> = starts.iter().map(|p| p.motion).collect();
         let Some((window, mut all)) = self.cut.planes(&self.view, &motions, margin + how.radius) else {
             return failed(&starts[0], Status::OffFrame);
@@ -232,9 +248,12 @@ impl Run<'_> {
         }
         let whole = Window { x0: i64::MIN / 4, y0: i64::MIN / 4, x1: i64::MAX / 4, y1: i64::MAX / 4 };
         let coarse = smoothed(&all[top], whole, &taps);
-        let Some((margin_of_fit, mut at)) = self.choose(&coarse, starts, guesses, how) else {
+        let Some((cost, margin_of_fit, mut at)) = self.choose(&coarse, starts, guesses, how) else {
             return failed(&guesses.all[0], Status::OffFrame);
         };
+        if how.brief && cost > FITS {
+            return EigenTrack { iterations: self.iterations, ..failed(&guesses.all[0], Status::Unlike) };
+        }
         let needed = window_of(moved_bounds(&at.place.motion, bounds), 0.5 * coarsest);
         if !window.covers(&needed, size) {
             match self.cut.planes(&self.view, &[at.place.motion], margin) {
@@ -293,17 +312,13 @@ impl Run<'_> {
     }
 
     /// All starts, each in the pose that suits it best, refined jointly where they are the best; the one that fits best and by how much.
-    fn choose(&mut self, frame: &Planes, starts: Vec<Place>, guesses: &Guesses, how: &Attempt) -> Option<(f64, Refined)> {
+    fn choose(&mut self, frame: &Planes, starts: Vec<Place>, guesses: &Guesses, how: &Attempt) -> Option<(f64, f64, Refined)> {
         let top = self.spaces.len() - 1;
         let dues = |m: &Affine| CALM * unrest(m, &guesses.expected);
         let mut tried: Vec<(f64, Place)> = Vec::new();
         for start in starts {
             let posed = self.posed(top, frame, start, 1.0);
             tried.push((self.cost(frame, &posed) + dues(&posed.motion), posed));
-            // The best informed come first: where one of them fits, the character goes on as it went.
-            if how.radius == 0.0 && tried.len() >= guesses.informed && tried.iter().any(|t| t.0 < FITS) {
-                break;
-            }
         }
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
         let first = tried.first()?.1.clone();
@@ -333,7 +348,7 @@ impl Run<'_> {
         if top == 0 {
             self.cost(frame, &refined.place);
         }
-        Some(((next - paid).clamp(0.0, 1.0), refined))
+        Some((paid, (next - paid).clamp(0.0, 1.0), refined))
     }
 
     /// The best few that are well apart in place or in pose.
@@ -352,13 +367,15 @@ impl Run<'_> {
 
     /// The pose of a place whose motion is held, its robust weights bent `forgiving` times as far out.
     fn posed(&mut self, l: usize, frame: &Planes, mut place: Place, forgiving: f64) -> Place {
+        let mut kept = None;
         for _ in 0..POSING {
             if self.compare(l, frame, &place, false) < LEAST_OVERLAP {
                 break;
             }
-            let Some((_, system, right)) = self.linearised(l, 1.0, None, &place, forgiving) else { break };
+            let Some((_, system, right)) = self.linearised(l, 1.0, kept, &place, forgiving) else { break };
             let step = system.pose(&right, &Vector6::zeros());
             self.advance(&mut place.pose, &step, 1.0);
+            kept = Some(system);
         }
         place
     }
@@ -388,30 +405,31 @@ impl Run<'_> {
         Some(((fit, sums), system, right))
     }
 
-    /// Adds a share of a step to a pose; returns its length in deviations over the examples.
+    /// Adds a share of a step to a pose; returns its length over the spread of the examples.
     fn advance(&self, pose: &mut [f64], step: &DVector<f64>, share: f64) -> f64 {
-        let mut longest = 0.0f64;
-        for ((p, s), v) in pose.iter_mut().zip(step.iter()).zip(&self.template.variances) {
-            let deviation = libm::sqrt(*v);
-            let next = (*p + share * s).clamp(-FARTHEST * deviation, FARTHEST * deviation);
-            longest = longest.max(libm::fabs(next - *p) / deviation.max(f64::MIN_POSITIVE));
+        let variances = &self.template.variances;
+        let mut square = 0.0;
+        for ((p, s), v) in pose.iter_mut().zip(step.iter()).zip(variances) {
+            let most = FARTHEST * libm::sqrt(*v);
+            let next = (*p + share * s).clamp(-most, most);
+            square += (next - *p) * (next - *p);
             *p = next;
         }
-        longest
+        libm::sqrt(square / variances.iter().sum::<f64>().max(f64::MIN_POSITIVE))
     }
 
     /// Joint Gauss-Newton at one level; what cannot be seen stays as in `anchor`.
     fn refine(&mut self, l: usize, frame: &Planes, start: Place, anchor: Affine) -> Refined {
         let t = self.template;
         let options = &t.options;
-        let tolerance = if l == 0 { options.tolerance } else { options.tolerance.max(0.04 * self.spaces[l].mean.step) };
+        let tolerance = if l == 0 { options.tolerance } else { options.tolerance.max(0.1 * self.spaces[l].mean.step) };
         let most = if l == 0 { options.iterations } else { options.iterations.min(COARSE_ITERATIONS) };
         let mut at = Refined { place: start.clone(), anchor, status: Status::Unfinished, fit: Fit::default(), condition: f64::NAN };
         let back = |status, at: &Refined| Refined { place: start.clone(), status, ..at.clone() };
-        let (mut kept, mut share, mut before, mut slow) = (None, 1.0, f64::INFINITY, false);
+        let (mut kept, mut share, mut before, mut slow) = (None, 1.0, (f64::INFINITY, None), false);
         for iteration in 0..most {
             self.iterations += 1;
-            let fresh = iteration < 2 || slow;
+            let fresh = iteration == 0 || slow;
             let overlap = self.compare(l, frame, &at.place, fresh);
             if overlap < LEAST_OVERLAP {
                 return back(Status::OffFrame, &at);
@@ -441,13 +459,15 @@ impl Run<'_> {
                 at.status = Status::Converged;
                 break;
             }
-            let length = moved + posed;
-            slow = length > 0.5 * before;
-            // Steps that do not get shorter go to and fro between the sides of a ragged minimum.
-            if l == 0 && length > 0.7 * before {
-                share *= 0.7;
-            }
-            before = length;
+            let (length, along) = (moved + posed, step.along(before.1.as_ref(), &t.variances));
+            slow = length > 0.9 * before.0 || along.is_some_and(|cos| cos < 0.0);
+            // Robust weights follow the residuals a part of the way each time: steps that go on in one direction are lengthened, those that go to and fro cut.
+            share = match along {
+                Some(cos) if cos > 0.8 && length > 0.4 * before.0 => LENGTHENED,
+                Some(cos) if cos < 0.0 && l == 0 => 0.6 * share.min(1.0),
+                _ => share.min(1.0),
+            };
+            before = (length, Some(step));
             kept = Some(system);
         }
         at

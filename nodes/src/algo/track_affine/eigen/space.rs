@@ -119,9 +119,16 @@ impl Space {
                     to.clear();
                     to.extend(e[r.clone()].iter().zip(&scratch.robust[r.clone()]).map(|(e, w)| e * w));
                 }
-                for m in 0..=l {
-                    let products = weighed.iter().zip(&self.parts[m][0]).map(|(w, e)| f64::from(dot(w, &e[r.clone()])));
-                    found.own[(l, m)] += products.sum::<f64>();
+                for m in (0..=l).step_by(4) {
+                    // Four at a time: what is weighed is read once for them.
+                    let of = |k: usize| &self.parts[(m + k).min(l)][0];
+                    let four = [of(0), of(1), of(2), of(3)];
+                    let mut sums = [0.0; 4];
+                    for (c, w) in weighed.iter().enumerate() {
+                        let products = dots(w, four.map(|e| &e[c][r.clone()]));
+                        sums.iter_mut().zip(products).for_each(|(s, p)| *s += f64::from(p));
+                    }
+                    (m..=l.min(m + 3)).for_each(|k| found.own[(l, k)] += sums[k - m]);
                 }
                 found.cross[l] += self.cross(level, &weighed, r.clone());
             }
@@ -238,6 +245,22 @@ fn add_product(to: &mut [f32], a: &[f32], b: &[f32]) {
     for i in 0..n {
         to[i] += a[i] * b[i];
     }
+}
+
+/// Inner products of one row of numbers with four, each as many as it, a multiple of the lanes.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn dots(a: &[f32], b: [&[f32]; 4]) -> [f32; 4] {
+    let mut acc = [[0.0f32; LANES]; 4];
+    let n = a.len() / LANES * LANES;
+    let b = b.map(|b| &b[..n]);
+    for start in (0..n).step_by(LANES) {
+        let own = &a[start..start + LANES];
+        for (acc, b) in acc.iter_mut().zip(&b) {
+            let b = &b[start..start + LANES];
+            (0..LANES).for_each(|k| acc[k] += own[k] * b[k]);
+        }
+    }
+    acc.map(super::super::level::sum_lanes)
 }
 
 /// Inner product of as many numbers each, a multiple of the lanes.
