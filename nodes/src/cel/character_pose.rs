@@ -69,7 +69,7 @@ impl KeyPose {
 #[derive(Node)]
 #[node(
     id = "cel.character_pose",
-    version = 1,
+    version = 2,
     kind = source,
     outputs = CelCharacterPoseOutputs,
     source = "Bregler, Loeb, Chuang, Deshpande 2002, figs. 14, 15; Williams 2001",
