@@ -54,8 +54,9 @@ pub fn lifts(lowest: &[f64], ground: f64, soft: usize) -> Vec<f64> {
     (0..needed.len()).map(|k| if soft == 0 { needed[k] } else { mean(k).max(needed[k]) }).collect()
 }
 
-/// One curve through what is known.
-fn between(known: &[Option<f64>], blend: Option<f64>) -> Vec<f64> {
+/// One curve through what is known: between known positions along a cubic that goes on as both sides leave off and swings past neither; before the first
+/// and after the last what is known comes and goes over `blend` positions, or is held.
+pub(crate) fn between(known: &[Option<f64>], blend: Option<f64>) -> Vec<f64> {
     let n = known.len();
     let at: Vec<(usize, f64)> = known.iter().enumerate().filter_map(|(k, v)| v.map(|v| (k, v))).collect();
     let (Some(&first), Some(&last)) = (at.first(), at.last()) else { return vec![0.0; n] };

@@ -62,7 +62,7 @@ impl Setting for Pins {
 #[derive(Node)]
 #[node(
     id = "motion.pin",
-    version = 1,
+    version = 2,
     kind = whole,
     outputs = MotionPinOutputs,
     type_from = "motion",
