@@ -8,7 +8,8 @@
 //!
 //! **Fails when** there is not one weight for each key, points are not finite, or the outline is no path of one closed contour that does not cross itself.
 //!
-//! **Cost** O(k n) a frame; `extended` and `arap` once as `keys.inbetween`, then O(k n t) a frame for t triangles.
+//! **Cost** O(k n) a frame; `extended` and `arap` once as `keys.inbetween` and O(k n t) for t triangles, then
+//! O(k n) a frame for points inside the outline and O(k n v) for those outside, v vertices.
 //!
 //! ```ron
 //! "bunny": (type: "retarget.drawings", keys: "@bunny_keys", weights: "@capture.weights", motion: "@capture.motion", interpolation: arap, outline: "body"),
@@ -18,9 +19,9 @@ use pegbar_engine::array::NdArray;
 use pegbar_engine::node::{Context, In, NodeError, Recurrent};
 use pegbar_engine::{Node, Outputs};
 
-use super::{How, Made, Ready, moved, placed, ready, refused};
+use super::{How, Made, Ready, expect_weights, moved, placed, ready, refused};
 use crate::algo::key_blend::Interpolation;
-use crate::algo::raster::apply;
+use crate::algo::raster::{Affine, apply};
 use crate::algo::track_affine::Model;
 use crate::data::{Affine2, Drawing, KeyDrawings, KeyShapes, Weights};
 use crate::keys::AlignTo;
@@ -31,7 +32,7 @@ use crate::keys::AlignTo;
 #[derive(Node)]
 #[node(
     id = "retarget.drawings",
-    version = 1,
+    version = 2,
     kind = recurrent,
     outputs = RetargetDrawingsOutputs,
     source = "Bregler, Loeb, Chuang, Deshpande 2002, section 3.4, eqs. 2 and 3",
@@ -110,44 +111,69 @@ impl RetargetDrawings {
     /// All points as the mesh inside the outline takes them.
     fn carried(&self, made: &Made) -> Result<Vec<[f64; 2]>, NodeError> {
         let weights = &self.weights.weights;
-        if weights.len() != self.keys.len() {
-            return Err(refused(format!("expected {} weights, one for each key, found {}", self.keys.len(), weights.len())));
-        }
+        expect_weights(weights, self.keys.len())?;
         let to = made.blend.blend(weights).map_err(refused)?;
-        let n = self.keys.key(0).len();
-        let mut sum = vec![[0.0; 2]; n];
-        for (k, (mesh, &weight)) in made.blend.keys().iter().zip(weights).enumerate().filter(|(_, (_, w))| **w != 0.0) {
-            for (p, out) in self.keys.key(k).iter().zip(&mut sum) {
-                let at = carry(made.blend.triangles(), mesh, &to, apply(&made.motions[k], (*p).into()).into());
-                (0..2).for_each(|c| out[c] += weight * at[c]);
+        let anew;
+        let hung = match made.hung.get_or_init(|| Hung::new(&self.keys, made)) {
+            kept if kept.points == self.keys.points => kept,
+            // Keys that change over time may keep their outline.
+            _ => {
+                anew = Hung::new(&self.keys, made);
+                &anew
+            }
+        };
+        let mut sum = vec![[0.0; 2]; self.keys.key(0).len()];
+        for (shares, &weight) in hung.shares.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
+            for (shares, out) in shares.iter().zip(&mut sum) {
+                for &(vertex, share) in shares {
+                    (0..2).for_each(|c| out[c] += weight * share * to[vertex as usize][c]);
+                }
             }
         }
         Ok(sum)
     }
 }
 
-/// Where triangles that go from `from` to `to` take a point: with the one that it lies in; outside, with all, the near and large ones most, so that
-/// what sticks out does not tear where the nearest one changes.
-fn carry(triangles: &[[u32; 3]], from: &[[f64; 2]], to: &[[f64; 2]], p: [f64; 2]) -> [f64; 2] {
-    let (mut sum, mut total) = ([0.0; 2], 0.0);
+/// What the points of key drawings hang on: made once, as a search among all triangles costs more than what is left for a frame.
+#[derive(Debug)]
+pub(super) struct Hung {
+    /// The keys that it was made of.
+    points: NdArray<f64, 3>,
+    /// For each key and point, vertices of the mesh and the point's share of each.
+    shares: Vec<Vec<Vec<(u32, f64)>>>,
+}
+
+impl Hung {
+    fn new(keys: &KeyDrawings, made: &Made) -> Self {
+        let meshes = made.blend.keys().iter().zip(&made.motions).enumerate();
+        let of = |(k, (mesh, motion)): (usize, (&Vec<[f64; 2]>, &Affine))| {
+            keys.key(k).iter().map(|p| hang(made.blend.triangles(), mesh, apply(motion, (*p).into()).into())).collect()
+        };
+        Self { points: keys.points.clone(), shares: meshes.map(of).collect() }
+    }
+}
+
+/// The shares of a point among the vertices of a mesh, adding up to 1: those of the triangle that it lies in; outside, of all triangles, the near and
+/// large ones most, so that what sticks out does not tear where the nearest one changes.
+fn hang(triangles: &[[u32; 3]], mesh: &[[f64; 2]], p: [f64; 2]) -> Vec<(u32, f64)> {
+    let (mut sum, mut total) = (vec![0.0; mesh.len()], 0.0);
     for t in triangles {
-        let [a, b, c] = t.map(|i| from[i as usize]);
+        let [a, b, c] = t.map(|i| mesh[i as usize]);
         let cross = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
         let area = cross(a, b, c);
         let shares = [cross(p, b, c) / area, cross(p, c, a) / area, cross(p, a, b) / area];
-        let at = [0, 1].map(|k| t.iter().zip(shares).map(|(i, s)| s * to[*i as usize][k]).sum::<f64>());
         let away = [(a, b), (b, c), (c, a)].map(|(a, b)| distance(p, a, b)).into_iter().fold(f64::INFINITY, f64::min);
         if away == 0.0 || shares.iter().all(|s| *s >= 0.0) {
-            return at;
+            return t.iter().copied().zip(shares).collect();
         }
         // The fourth power falls off faster than the number of triangles at a distance grows.
-        let share = area.abs() / (away * away * away * away);
-        if share.is_finite() && at.iter().all(|v| v.is_finite()) {
-            (0..2).for_each(|k| sum[k] += share * at[k]);
-            total += share;
+        let near = area.abs() / (away * away * away * away);
+        if near.is_finite() && shares.iter().all(|s| s.is_finite()) {
+            t.iter().zip(shares).for_each(|(i, s)| sum[*i as usize] += near * s);
+            total += near;
         }
     }
-    if total > 0.0 { sum.map(|s| s / total) } else { p }
+    (0..).zip(sum).filter(|(_, s)| *s != 0.0).map(|(i, s)| (i, s / total)).collect()
 }
 
 fn area(points: &[[f64; 2]]) -> f64 {

@@ -46,6 +46,8 @@ struct Made {
     blend: KeyBlend,
     /// Blended from drawn, for each key.
     motions: Vec<Affine>,
+    /// What carries the points of key drawings.
+    hung: OnceLock<drawings::Hung>,
 }
 
 fn refused(error: impl std::fmt::Display) -> NodeError {
@@ -85,7 +87,7 @@ fn ready(keys: &KeyShapes, before: Option<&Ready>, how: How) -> Result<(Arc<Made
             };
             let views: Vec<&[[f64; 2]]> = shapes.iter().map(Vec::as_slice).collect();
             let help = "interpolation: linear takes any keys of one point order";
-            Arc::new(Made { blend: KeyBlend::new(&views, options).map_err(|e| refused(e).help(help))?, motions })
+            Arc::new(Made { blend: KeyBlend::new(&views, options).map_err(|e| refused(e).help(help))?, motions, hung: OnceLock::new() })
         }
     };
     let state = Ready { points: keys.points.clone(), made: OnceLock::from(made.clone()) };
