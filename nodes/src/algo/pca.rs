@@ -74,6 +74,10 @@ pub fn pca(examples: &[&[f64]], points: usize, keep: Keep) -> Result<Space, PcaE
             direction.iter_mut().zip(earlier).for_each(|(a, b)| *a -= along * b);
         }
         let length = inner(&direction, &direction).sqrt();
+        // It was of length 1: what lay mostly along others is no direction of its own but what rounding left of one.
+        if length < 0.5 {
+            continue;
+        }
         let largest = direction.iter().fold(0.0_f64, |a, b| if b.abs() > a.abs() { *b } else { a });
         direction.iter_mut().for_each(|v| *v /= length * largest.signum());
         let along: Vec<f64> = rest.iter().map(|r| inner(&direction, r)).collect();
@@ -178,6 +182,22 @@ mod tests {
         let some = pca(&views(), 1, Keep::MaxError(all.errors[1])).unwrap();
         assert_eq!(some.components.len(), 1);
         assert_eq!(some.errors, all.errors);
+    }
+
+    #[test]
+    fn no_more_components_come_out_than_the_examples_span() {
+        // Fourteen mixes of three directions, one of them ten thousand times as wide as the last.
+        let wide = |i: usize, k: usize| libm::sin((i * (k + 2)) as f64) * [1e4, 1.0, 1.0][k];
+        let example =
+            |e: usize| (0..40).map(|i| 5.0 + (0..3).map(|k| wide(i, k) * libm::cos((e * e + 3 * k) as f64)).sum::<f64>()).collect();
+        let examples: Vec<Vec<f64>> = (0..14).map(example).collect();
+        let space = pca(&examples.iter().map(Vec::as_slice).collect::<Vec<_>>(), 1, Keep::Components(13)).unwrap();
+        assert_eq!(space.components.len(), 3);
+        for (i, a) in space.components.iter().enumerate() {
+            for (j, b) in space.components.iter().enumerate() {
+                assert!((inner(a, b) - f64::from(u8::from(i == j))).abs() < 1e-12, "{i} {j}");
+            }
+        }
     }
 
     #[test]
