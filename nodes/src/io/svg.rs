@@ -76,6 +76,10 @@ impl<'a> Pick<'a> {
         }
         let place = self.layer.map_or_else(String::new, |l| format!(" in layer `{}`", scene.groups[l].name));
         Err(match self.id {
+            Some(id) if self.layer.is_none() && scene.names().contains(&id) => {
+                NodeError::input(format!("{file}: expected a path or group `{id}` that is drawn, found it hidden"))
+                    .help("show it, or read layers (`layers`, `keys_from: layers`), hidden ones too")
+            }
             Some(id) => NodeError::input(format!("{file}: expected a path or group `{id}`{place}, found none")).help(few(&scene.names())),
             None => NodeError::input(format!("{file}: expected a path{place}, found nothing that is drawn"))
                 .help("paths, rectangles, circles, ellipses, lines, polylines and polygons are read; turn text into paths"),

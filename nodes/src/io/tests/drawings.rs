@@ -141,6 +141,8 @@ fn what_is_not_there_or_does_not_correspond_is_said_with_its_place() {
     assert_eq!(shape(r#"path: "a.svg""#), "a.svg: expected one contour, found 2");
     assert_eq!(shape(r#"path: "a.svg", which: 3"#), "a.svg: expected `which` from 1 to 2, the number of contours, found 3");
     assert_eq!(shape(r#"path: "a.svg", id: "arm""#), "a.svg: expected a path or group `arm`, found none");
+    stage.put("hidden.svg", &drawn("<g id='arm' display='none'><path d='M0 0L5 5L9 9Z'/></g>"));
+    assert_eq!(shape(r#"path: "hidden.svg", id: "arm""#), "hidden.svg: expected a path or group `arm` that is drawn, found it hidden");
     assert_eq!(shape(r#"path: "a.svg", layers: true"#), "a.svg: expected a layer 1, found 0 layers");
     assert_eq!(
         shape(r#"path: "broken.svg""#),
