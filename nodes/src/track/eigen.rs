@@ -34,7 +34,7 @@ use crate::keys::contours;
 #[derive(Node)]
 #[node(
     id = "track.eigen",
-    version = 1,
+    version = 2,
     kind = recurrent,
     outputs = TrackEigenOutputs,
     source = "Bregler, Loeb, Chuang, Deshpande 2002, eqs. 14, 15; Black, Jepson 1998",
