@@ -7,8 +7,8 @@ use crate::capture::CaptureContour;
 use crate::cel::{CelArt, CelCharacter, CelCharacterPose, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{
-    Affine2, Basis, Camera, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Matte, Mesh, MorphTargets, Pose, Shape, Skeleton,
-    SkinnedMesh, Weights,
+    Affine2, Basis, Camera, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Markers2, Markers3, Matte, Mesh, MorphTargets, Pose, Shape,
+    Skeleton, SkinnedMesh, Weights,
 };
 use crate::drawing::DrawingMerge;
 use crate::image::{
@@ -50,6 +50,8 @@ fn types(registry: Registry) -> Registry {
         .value::<KeyDrawings>()
         .value::<KeyImages>()
         .value::<KeyShapes>()
+        .value::<Markers2>()
+        .value::<Markers3>()
         .value::<Matte>()
         .value::<Mesh>()
         .value::<MorphTargets>()
