@@ -9,7 +9,7 @@ mod schema;
 
 pub use context::{Cancel, Context, Problem};
 pub use error::{Fault, NodeError};
-pub use input::{AnyFrames, AnySequence, Arg, Frames, In, Input, List, Literal, Sequence, SequenceRef, Values};
+pub use input::{AnyFrames, AnySequence, Arg, Frames, In, Input, List, Literal, Picked, Sequence, SequenceRef, Values};
 pub use operator::{Computed, Needs, Operator};
 pub(crate) use operator::{PerFrameOperator, RecurrentOperator, WholeOperator};
 pub use output::{AnyStream, OutValue, Output, Outputs, Stream};
@@ -90,7 +90,7 @@ pub trait Whole: Node {
     /// Whatever keeps it from doing so.
     fn run(self, cx: &Context) -> Result<Self::Outputs, NodeError>;
 
-    /// The frames of a [`Frames`] input that are read; a [`Sequence`] is read whole.
+    /// The frames of a [`Frames`] or [`Picked`] input that are read; a [`Sequence`] is read whole. Only settings and constants may be looked at.
     fn reads(&self, _input: &str, cx: &Context) -> Vec<i64> {
         vec![cx.frame]
     }

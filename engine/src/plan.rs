@@ -69,6 +69,8 @@ pub(crate) struct PlanNode {
 pub(crate) struct Edge {
     pub(crate) port: Port,
     pub(crate) reads: Reads,
+    /// True where the values are fetched one by one while the task runs.
+    pub(crate) by_handle: bool,
 }
 
 /// Which of the producer's values each task of the consumer reads.
@@ -226,7 +228,7 @@ impl Planner<'_> {
         }
         let spec = &self.graph.nodes[node];
         let unknown: Vec<Port> = self.unknown_constants(node);
-        let asks = spec.ty.schema.kind == Kind::Recurrent || spec.ty.schema.inputs.iter().any(|i| i.access == Access::Frames);
+        let asks = spec.ty.schema.kind == Kind::Recurrent || spec.ty.schema.inputs.iter().any(|i| i.access.asks());
         if asks && !unknown.is_empty() {
             self.first.extend(unknown);
             return Ok(());
@@ -240,14 +242,14 @@ impl Planner<'_> {
                 }
                 let reads = self.reads(node, i, port, &lists)?;
                 self.want(node, port, &reads);
-                edges.push(Edge { port, reads });
+                edges.push(Edge { port, reads, by_handle: spec.ty.schema.inputs[i].access.by_handle() });
             }
         }
         if spec.ty.schema.kind == Kind::Recurrent && !spec.runs_once() {
             let tasks = self.nodes[node].wanted.len();
             let forward = lists.previous.into_iter().map(|p| p.into_iter().collect()).collect();
             let port = Port { node, output: spec.ty.schema.outputs.len() };
-            edges.push(Edge { port, reads: Reads::Lists(Lists::new(forward, tasks)) });
+            edges.push(Edge { port, reads: Reads::Lists(Lists::new(forward, tasks)), by_handle: false });
         }
         self.nodes[node].edges = edges;
         Ok(())
@@ -264,7 +266,7 @@ impl Planner<'_> {
     fn ask(&mut self, node: usize) -> Result<Asked, PlanError> {
         let spec = &self.graph.nodes[node];
         let tasks = self.nodes[node].wanted.len();
-        let inputs: Vec<&'static str> = spec.ty.schema.inputs.iter().filter(|i| i.access == Access::Frames).map(|i| i.name).collect();
+        let inputs: Vec<&'static str> = spec.ty.schema.inputs.iter().filter(|i| i.access.asks()).map(|i| i.name).collect();
         let args = self.settings(node);
         let mut asked = Asked { frames: vec![vec![Vec::new(); tasks]; inputs.len()], previous: vec![None; tasks] };
         let mut queue: Vec<usize> = (0..tasks).filter(|&k| self.nodes[node].wanted[k]).collect();
@@ -304,7 +306,7 @@ impl Planner<'_> {
             .map(|(binding, schema)| match binding {
                 Binding::Literal { value, .. } => Arg::Literal(value.clone()),
                 Binding::Wire(port) => match (self.known.get(port), &schema.ty) {
-                    (Some(value), _) if schema.access != Access::Frames => Arg::Value(value.clone()),
+                    (Some(value), _) if !schema.access.asks() => Arg::Value(value.clone()),
                     (_, crate::node::InputType::Setting { .. }) => placeholder(schema),
                     _ => Arg::None,
                 },
@@ -319,9 +321,10 @@ impl Planner<'_> {
         let single = self.graph.is_single(port);
         Ok(match schema.access {
             Access::Sequence => Reads::All,
+            Access::Picked if single => Reads::All,
             Access::Frames if single => Reads::Held,
-            Access::Frames => {
-                let slot = spec.ty.schema.inputs[..input].iter().filter(|i| i.access == Access::Frames).count();
+            Access::Frames | Access::Picked => {
+                let slot = spec.ty.schema.inputs[..input].iter().filter(|i| i.access.asks()).count();
                 self.lists(node, port, &asked.frames[slot])?
             }
             _ if single || spec.runs_once() => Reads::Held,

@@ -84,14 +84,14 @@ impl Checker<'_> {
                 // A wire of the wrong type is wrong at any rate.
                 (Access::Constant, _) | (Access::Frame, Kind::Whole) if mismatched.contains(&(i, port)) => {}
                 (Access::Constant, _) | (Access::Frame, Kind::Whole) => self.rate_mismatch(input, port, at),
-                (Access::Sequence, _) => {}
+                (access, _) if access.by_handle() => {}
                 _ => per_frame = true,
             }
-            if input.any_clock || (input.access == Access::Sequence && named.is_some()) {
+            if input.any_clock || (input.access.by_handle() && named.is_some()) {
                 continue;
             }
             match (&clock, typed[port.node].clock.clone()) {
-                (Some(own), Some(other)) if **own != *other && input.access != Access::Sequence && !doubtful => {
+                (Some(own), Some(other)) if **own != *other && !input.access.by_handle() && !doubtful => {
                     self.clock_mismatch(input, own, &other, port, at);
                 }
                 (None, other) => clock = other,

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::clock::Clock;
 use crate::graph::{Binding, Graph, GraphNode, Port};
-use crate::node::{Access, Arg, InputSchema, InputType, NodeError, NodeSchema, SequenceRef};
+use crate::node::{Arg, InputSchema, InputType, NodeError, NodeSchema, SequenceRef};
 use crate::registry::NodeType;
 use crate::setting::{Place, SettingError};
 use crate::syntax::{NodeKind, Tree};
@@ -316,9 +316,7 @@ pub(super) fn settings(schema: &NodeSchema, bindings: &[Binding]) -> Option<Vec<
         (Binding::Literal { value, .. }, _) => Some(Arg::Literal(value.clone())),
         (Binding::Wire(_), InputType::Setting { .. }) => Some(crate::plan::placeholder(input)),
         (_, InputType::Setting { .. }) => None,
-        _ if input.access == Access::Sequence && !input.list => {
-            Some(Arg::Sequence(SequenceRef::new(None, Vec::<crate::value::ValueRef>::new())))
-        }
+        _ if input.access.by_handle() && !input.list => Some(Arg::Sequence(SequenceRef::new(None, Vec::<crate::value::ValueRef>::new()))),
         _ => Some(Arg::None),
     });
     args.collect()

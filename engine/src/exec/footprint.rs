@@ -155,7 +155,7 @@ impl<'a> Walk<'a> {
                 all
             };
             match &edge.reads {
-                Reads::Lists(lists) => each * lists.forward[task].len() as u64,
+                Reads::Lists(lists) if !edge.by_handle => each * lists.forward[task].len() as u64,
                 _ => each,
             }
         };

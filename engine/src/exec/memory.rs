@@ -1,7 +1,6 @@
 //! The memory of a run: one slot for each value, held until its last reader is done, in memory, or on disk where the budget asks for it.
 
 use std::collections::{BinaryHeap, HashMap};
-use std::ops::Range;
 use std::sync::Arc;
 
 use super::gate::Gate;
@@ -237,7 +236,7 @@ impl Memory {
     }
 
     /// Bytes of the largest of the values of `slots` that can be on disk when it is read.
-    pub(super) fn largest(&self, slots: std::ops::Range<usize>) -> u64 {
+    pub(super) fn largest(&self, slots: impl Iterator<Item = usize>) -> u64 {
         let bytes = |slot: usize| match &lock(&self.slots[slot]).held {
             Held::Here(value, _) => Some(bytes_of(value)).filter(|b| *b >= LEAST),
             Held::Away(away) => Some(away.bytes),
@@ -564,7 +563,7 @@ impl Memory {
 /// own, and leaves it again when the node has let go of it and something else is asked for.
 pub(super) struct SlotValues {
     memory: Arc<Memory>,
-    slots: Range<usize>,
+    slots: Vec<usize>,
     window: Mutex<Window>,
 }
 
@@ -581,7 +580,7 @@ struct Window {
 
 impl SlotValues {
     /// A handle on the values of `slots`, with so many bytes counted for what has to be loaded.
-    pub(super) fn new(memory: Arc<Memory>, slots: Range<usize>, room: u64) -> Self {
+    pub(super) fn new(memory: Arc<Memory>, slots: Vec<usize>, room: u64) -> Self {
         Self { memory, slots, window: Mutex::new(Window { room, total: room, held: Vec::new(), lent: Vec::new(), lost: false }) }
     }
 
@@ -642,7 +641,7 @@ impl Values for SlotValues {
 
     fn get(&self, idx: usize) -> Result<ValueRef, NodeError> {
         let lost = |what: &str| NodeError::internal(format!("frame {idx} of a sequence of {} {what}", self.slots.len()));
-        let slot = self.slots.clone().nth(idx).ok_or_else(|| lost("was read"))?;
+        let slot = self.slots.get(idx).copied().ok_or_else(|| lost("was read"))?;
         let mut window = lock(&self.window);
         self.sweep(&mut window);
         let mut guard = lock(&self.memory.slots[slot]);

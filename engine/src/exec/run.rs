@@ -64,7 +64,7 @@ struct Desk {
     fetched: Vec<Fetched>,
     borrowed: Vec<usize>,
     sequences: Vec<Arc<SlotValues>>,
-    sequence_slots: Vec<std::ops::Range<usize>>,
+    sequence_slots: Vec<usize>,
     briefs: Vec<Brief>,
 }
 
@@ -327,8 +327,8 @@ impl<'a> Run<'a> {
 
     /// Bytes for what a node reads of its sequences: one value of each at a time, at the least.
     fn window(&self, task: Task) -> u64 {
-        let edges = self.plan.nodes[task.node as usize].edges.iter().filter(|e| matches!(e.reads, Reads::All));
-        edges.map(|edge| self.memory.largest(self.layout.port(edge.port))).sum()
+        let edges = self.plan.nodes[task.node as usize].edges.iter().filter(|e| e.by_handle);
+        edges.map(|edge| self.memory.largest(self.layout.reads(edge, task.index as usize))).sum()
     }
 
     /// Lets a task in and fetches what it reads; the bytes that are counted for it, or `None` where it waits. No error where a value is lost.
@@ -361,7 +361,7 @@ impl<'a> Run<'a> {
         if !gate.is_limited() {
             return Ok(gate.enter(0).then_some(0));
         }
-        let edges = || self.plan.nodes[task.node as usize].edges.iter().filter(|e| !matches!(e.reads, Reads::All));
+        let edges = || self.plan.nodes[task.node as usize].edges.iter().filter(|e| !e.by_handle);
         let slots = || edges().flat_map(|edge| self.layout.reads(edge, task.index as usize));
         let known = self.sizes.need(task.node as usize);
         let own = window + known.unwrap_or_else(|| self.sizes.guess(gate.limit()));
@@ -398,13 +398,13 @@ impl<'a> Run<'a> {
         desk.borrowed.clear();
         let mut left = window;
         for edge in &self.plan.nodes[task.node as usize].edges {
-            if matches!(edge.reads, Reads::All) {
-                let slots = self.layout.port(edge.port);
-                let room = self.memory.largest(slots.clone()).min(left);
+            if edge.by_handle {
+                let slots: Vec<usize> = self.layout.reads(edge, task.index as usize).collect();
+                let room = self.memory.largest(slots.iter().copied()).min(left);
                 left -= room;
                 *charge -= room;
-                desk.sequences.push(Arc::new(SlotValues::new(self.memory.clone(), slots.clone(), room)));
-                desk.sequence_slots.push(slots);
+                desk.sequence_slots.extend_from_slice(&slots);
+                desk.sequences.push(Arc::new(SlotValues::new(self.memory.clone(), slots, room)));
                 continue;
             }
             for slot in self.layout.reads(edge, task.index as usize) {
@@ -475,7 +475,7 @@ impl<'a> Run<'a> {
     fn close(&self, charge: u64, desk: &mut Desk) {
         let mut freed = charge + desk.sequences.drain(..).map(|s| s.close()).sum::<u64>();
         freed += desk.borrowed.drain(..).map(|slot| self.memory.release_held(slot)).sum::<u64>();
-        freed += desk.sequence_slots.drain(..).flatten().map(|slot| self.memory.release(slot)).sum::<u64>();
+        freed += desk.sequence_slots.drain(..).map(|slot| self.memory.release(slot)).sum::<u64>();
         self.crew.hand_back(self.memory.gate.leave(freed));
     }
 
@@ -485,7 +485,7 @@ impl<'a> Run<'a> {
         let cost = |edge: &Edge| {
             let costs = self.layout.reads(edge, task.index as usize).map(|slot| self.memory.cost(slot));
             match edge.reads {
-                Reads::All => costs.sum(),
+                _ if edge.by_handle => costs.sum(),
                 _ => costs.fold(0.0, f32::max),
             }
         };
@@ -548,12 +548,12 @@ impl<'a> Run<'a> {
     ) -> Arg {
         let clock = &self.graph.nodes[edge.port.node].clock;
         match &edge.reads {
-            Reads::Same => fetched.next().map_or(Arg::None, Arg::Value),
-            Reads::Held => fetched.next().map_or(Arg::None, |v| whole_or_one(v, access)),
-            Reads::All => {
+            _ if edge.by_handle => {
                 let clock = (!self.graph.is_single(edge.port)).then(|| clock.clone());
                 sequences.next().map_or(Arg::None, |s| Arg::Sequence(SequenceRef::shared(clock, s)))
             }
+            Reads::Same | Reads::All => fetched.next().map_or(Arg::None, Arg::Value),
+            Reads::Held => fetched.next().map_or(Arg::None, |v| whole_or_one(v, access)),
             Reads::Lists(lists) => {
                 let frames = lists.forward[task.index as usize].iter().map(|&k| clock.first + i64::from(k));
                 Arg::Frames(frames.zip(fetched).collect())
@@ -748,7 +748,7 @@ fn count(graph: &Graph, plan: &Plan, layout: &Layout) -> Counted {
                 for slot in layout.reads(edge, task) {
                     slots[slot].0 += 1;
                     waits += u32::from(producer[if once { 0 } else { slot - base }]);
-                    if matches!(edge.reads, Reads::All) {
+                    if edge.by_handle {
                         slots[slot].2 |= LATE;
                     }
                 }
@@ -768,7 +768,7 @@ fn count(graph: &Graph, plan: &Plan, layout: &Layout) -> Counted {
 
 fn whole_or_one(value: ValueRef, access: Access) -> Arg {
     match access {
-        Access::Sequence => Arg::Sequence(SequenceRef::new(None, vec![value])),
+        access if access.by_handle() => Arg::Sequence(SequenceRef::new(None, vec![value])),
         _ => Arg::Value(value),
     }
 }

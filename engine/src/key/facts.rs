@@ -90,8 +90,8 @@ impl Mode {
     pub(crate) fn of(graph: &Graph, spec: &GraphNode, input: &InputSchema, port: Port) -> Self {
         let single = graph.is_single(port);
         match input.access {
-            Access::Sequence => Self::All,
-            Access::Frames if !single => Self::Asked,
+            access if access.asks() && !single => Self::Asked,
+            access if access.by_handle() => Self::All,
             _ if single || spec.runs_once() => Self::Held,
             _ => Self::Same,
         }

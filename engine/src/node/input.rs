@@ -429,6 +429,43 @@ impl<T: Value> Input for Option<Sequence<T>> {
     }
 }
 
+/// The frames of a sequence that the node asks for, read one by one.
+#[derive(Debug)]
+pub struct Picked<T>(Sequence<T>);
+
+impl<T: Value> Picked<T> {
+    /// The clock; `None` for a single value, which stands at every frame.
+    pub fn clock(&self) -> Option<&Clock> {
+        self.0.clock()
+    }
+
+    /// The value at a position of what was asked for. As [`Sequence::get`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn get(&self, idx: usize) -> Result<Arc<T>, NodeError> {
+        self.0.get(if self.clock().is_some() { idx } else { 0 })
+    }
+}
+
+impl<T: Value> Input for Picked<T> {
+    fn ty() -> InputType {
+        InputType::Value(T::NAME)
+    }
+    fn access() -> Access {
+        Access::Picked
+    }
+    fn parse(text: &str, _place: &Place) -> Result<(Literal, Vec<f64>), SettingError> {
+        Err(no_literal(text))
+    }
+    fn from_arg(arg: Arg) -> Result<Self, NodeError> {
+        match arg {
+            Arg::None => Ok(Picked(Sequence(SequenceRef::new(None, Vec::new()), PhantomData))),
+            arg => <Sequence<T>>::from_arg(arg).map(Picked),
+        }
+    }
+}
+
 /// A whole sequence of values of any type.
 #[derive(Debug)]
 pub struct AnySequence(SequenceRef);

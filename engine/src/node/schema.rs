@@ -31,10 +31,24 @@ pub enum Access {
     Frame,
     /// The frames that the node asks for.
     Frames,
-    /// All of them.
+    /// All of them, one by one.
     Sequence,
+    /// The frames that the node asks for, one by one.
+    Picked,
     /// One value for the whole graph, known before frames are asked for.
     Constant,
+}
+
+impl Access {
+    /// True where the node is asked which frames it reads.
+    pub const fn asks(self) -> bool {
+        matches!(self, Self::Frames | Self::Picked)
+    }
+
+    /// True where the node is given a handle, by which it fetches one value after the other.
+    pub const fn by_handle(self) -> bool {
+        matches!(self, Self::Sequence | Self::Picked)
+    }
 }
 
 /// What may stand at an input.

@@ -292,6 +292,7 @@ fn variants(input: &InputSchema) -> [String; 2] {
             "number" => ["0.25".to_owned(), "0.5".to_owned()],
             "whole number" => ["1".to_owned(), "2".to_owned()],
             "true or false" => ["true".to_owned(), "false".to_owned()],
+            "list of whole numbers" => ["[1]".to_owned(), "[2]".to_owned()],
             "list of pairs of numbers" => ["[]".to_owned(), "[(0, 1)]".to_owned()],
             "text" if input.name == "of" => quoted("Curve", "Vector"),
             "text" => quoted("a", "b"),

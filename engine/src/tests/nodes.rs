@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::clock::Clock;
-use crate::node::{AnyFrames, Context, Frames, In, List, NodeError, PerFrame, Recurrent, Sequence, Stream, Whole};
+use crate::node::{AnyFrames, Context, Frames, In, List, NodeError, PerFrame, Picked, Recurrent, Sequence, Stream, Whole};
 use crate::registry::Registry;
 use crate::setting::ClockName;
 use crate::value::{Curve, TimeMap, ValueRef};
@@ -135,6 +135,26 @@ impl Whole for Summarise {
     }
 }
 
+/// Adds up some frames of a sequence.
+#[derive(Node)]
+#[node(id = "test.some", version = 1, kind = whole, outputs = Number)]
+pub(super) struct SumOfSome {
+    /// The sequence.
+    stream: Picked<Curve>,
+    /// The frames.
+    frames: Vec<i64>,
+}
+
+impl Whole for SumOfSome {
+    fn reads(&self, _input: &str, _cx: &Context) -> Vec<i64> {
+        self.frames.clone()
+    }
+    fn run(self, _cx: &Context) -> Result<Number, NodeError> {
+        let values = (0..self.frames.len()).map(|i| Ok(self.stream.get(i)?.value)).collect::<Result<Vec<f64>, NodeError>>()?;
+        number(values.into_iter().sum())
+    }
+}
+
 /// Any value.
 #[derive(Outputs)]
 pub(super) struct Same {
@@ -217,6 +237,7 @@ pub(crate) fn registry() -> Registry {
         .per_frame::<Window>()
         .recurrent::<Total>()
         .whole::<Summarise>()
+        .whole::<SumOfSome>()
         .per_frame::<Retime>()
         .per_frame::<Fail>()
         .per_frame::<Sink>()

@@ -24,12 +24,14 @@ pub(super) enum Made {
     Total(usize, i64),
     /// Each value less the mean of all.
     Centred(usize),
+    /// The sum of some frames.
+    Some(usize, Vec<i64>),
     /// Played backwards, by a map that another node computes.
     Back(usize),
 }
 
 pub(super) fn made() -> impl Strategy<Value = Vec<Made>> {
-    let node = (0..7u8, any::<proptest::sample::Index>(), any::<proptest::sample::Index>(), 0..4usize, 1..=FRAMES as i64, -8..8i32);
+    let node = (0..8u8, any::<proptest::sample::Index>(), any::<proptest::sample::Index>(), 0..4usize, 1..=FRAMES as i64, -8..8i32);
     proptest::collection::vec(node, 1..14).prop_map(|list| {
         let one = |(i, (kind, a, b, radius, start, value)): (usize, _)| {
             let (a, b): (proptest::sample::Index, proptest::sample::Index) = (a, b);
@@ -40,6 +42,7 @@ pub(super) fn made() -> impl Strategy<Value = Vec<Made>> {
                 (_, 3) => Made::Window(a.index(i), radius),
                 (_, 4) => Made::Total(a.index(i), start),
                 (_, 5) => Made::Centred(a.index(i)),
+                (_, 6) => Made::Some(a.index(i), (start..=FRAMES as i64).step_by(radius + 1).collect()),
                 _ => Made::Back(a.index(i)),
             }
         };
@@ -53,7 +56,7 @@ pub(super) fn interpret(nodes: &[Made]) -> Vec<Vec<f64>> {
     for node in nodes {
         let at = |n: usize, k: usize| out[n][k.min(out[n].len() - 1)];
         let frames = |sources: &[usize]| if sources.iter().all(|&n| out[n].len() == 1) { 1 } else { FRAMES };
-        out.push(match *node {
+        out.push(match node.clone() {
             Made::Frame => (0..FRAMES).map(|k| (k + 1) as f64).collect(),
             Made::Constant(value) => vec![value],
             Made::Add(a, b) => (0..frames(&[a, b])).map(|k| at(a, k) + at(b, k)).collect(),
@@ -70,6 +73,7 @@ pub(super) fn interpret(nodes: &[Made]) -> Vec<Vec<f64>> {
                 let mean = out[a].iter().sum::<f64>() / out[a].len() as f64;
                 out[a].iter().map(|v| v - mean).collect()
             }
+            Made::Some(a, frames) => vec![frames.iter().fold(0.0, |sum, &f| sum + at(a, f as usize - 1))],
             Made::Back(a) => (0..FRAMES).map(|k| at(a, FRAMES - 1 - k)).collect(),
         });
     }
@@ -94,13 +98,14 @@ pub(super) fn graph(nodes: &[Made]) -> Graph {
         _ => format!("\"@n{n}\""),
     };
     let text = nodes.iter().enumerate().map(|(i, node)| {
-        let body = match *node {
+        let body = match node.clone() {
             Made::Frame => "type: \"test.frame\"".to_owned(),
             Made::Constant(value) => format!("type: \"test.add\", a: {value:?}"),
             Made::Add(a, b) => format!("type: \"test.add\", a: {}, b: {}", reference(a), reference(b)),
             Made::Window(a, radius) => format!("type: \"test.window\", stream: {}, radius: {radius}", reference(a)),
             Made::Total(a, start) => format!("type: \"test.total\", stream: {}, start: {start}", reference(a)),
             Made::Centred(a) => format!("type: \"test.summary\", stream: {}", reference(a)),
+            Made::Some(a, frames) => format!("type: \"test.some\", stream: {}, frames: {frames:?}", reference(a)),
             Made::Back(a) => format!("type: \"test.retime\", stream: {}, map: \"@n0s.map\"", reference(a)),
         };
         format!("\"n{i}\": ({body}), ")

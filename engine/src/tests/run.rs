@@ -87,6 +87,21 @@ fn only_what_a_sink_needs_runs_and_each_frame_is_finished_before_the_next() {
 }
 
 #[test]
+fn of_a_sequence_only_those_frames_are_made_that_are_asked_for() {
+    let graph = graph(
+        r#""f": (type: "test.frame"), "a": (type: "test.add", a: "@f", b: 1.0), "some": (type: "test.some", stream: "@a", frames: [7, 2]),
+           "out": (type: "test.sink", streams: "@some")"#,
+    );
+    let (report, ran) = run(&graph, &[target(&graph, "out", &[1])], 1);
+    assert!(report.is_complete());
+    let of = |name: &str| ran.iter().filter(|(n, _)| n == name).filter_map(|(_, f)| *f).collect::<Vec<_>>();
+    assert_eq!((of("f"), of("a")), (vec![7, 2], vec![7, 2]));
+    let graph = self::graph(r#""f": (type: "test.frame"), "some": (type: "test.some", stream: "@f", frames: [3, 9])"#);
+    let error = execute(&graph, &[target(&graph, "some", &[1])], &[], &Options::default()).unwrap_err().error;
+    assert_eq!(error.message, "expected frames 1 to 8 of the clock `frames`, asked for frame 9");
+}
+
+#[test]
 fn a_result_is_dropped_after_its_last_reader() {
     let graph = graph(
         r#""f": (type: "test.frame"), "a": (type: "test.add", a: "@f"), "b": (type: "test.add", a: "@a"), "out": (type: "test.sink", streams: "@b")"#,

@@ -4,9 +4,9 @@
 //!
 //! **Source** usual practice.
 //!
-//! **Fails when** a frame is asked for that the footage does not have; the error names it.
+//! **Fails when** a frame is listed that the footage does not have; the error names it.
 //!
-//! **Cost** O(samples of the frames that are shown); one of them is in memory, and the sheet.
+//! **Cost** O(samples of the frames that are shown); others are not asked for. One of them is in memory, and the sheet.
 //!
 //! ```ron
 //! "sheet": (type: "render.strip", images: ["@plate", "@overlay"], labels: ["footage", "tracked"], count: 6),
@@ -14,7 +14,7 @@
 
 use kurbo::Affine;
 use pegbar_engine::Node;
-use pegbar_engine::node::{Context, Fault, List, NodeError, Sequence, Whole};
+use pegbar_engine::node::{Context, Fault, List, NodeError, Picked, Whole};
 
 use super::{Drawing, blank, drawing, rgba, screen, within};
 use crate::algo::filter::{ResizeFilter, resize};
@@ -36,7 +36,7 @@ use crate::data::Image;
 pub(crate) struct RenderStrip {
     /// Footage, one row each. A single picture stands at every frame.
     #[input(any_clock)]
-    images: List<Sequence<Image>>,
+    images: List<Picked<Image>>,
     /// The frames that are shown, from the left. Evenly spaced where there are none.
     #[input(default = [])]
     frames: Vec<i64>,
@@ -65,9 +65,7 @@ pub(crate) struct RenderStrip {
 
 /// One row of pictures, all scaled to the shape of the first.
 struct Row<'a> {
-    images: &'a Sequence<Image>,
-    /// Where the frames that are shown stand in it.
-    shown: Vec<usize>,
+    images: &'a Picked<Image>,
     top: usize,
     height: usize,
 }
@@ -79,37 +77,28 @@ fn spaced(first: i64, last: i64, count: i64) -> Vec<i64> {
     (0..=steps).map(at).collect()
 }
 
-fn position(sequence: &Sequence<Image>, frame: i64) -> Result<usize, NodeError> {
-    let Some(clock) = sequence.clock() else { return Ok(0) };
-    clock.index(frame).ok_or_else(|| {
-        let found = format!("expected frames {} to {}, found {frame}", clock.first, clock.last);
-        NodeError::new(Fault::Parameters, found).help("change `frames`, or leave it out")
-    })
-}
-
 impl RenderStrip {
     fn shown(&self, cx: &Context) -> Vec<i64> {
         if !self.frames.is_empty() {
             return self.frames.clone();
         }
-        let clocks = || self.images.0.iter().filter_map(Sequence::clock);
+        let clocks = || cx.input_clocks.iter().filter(|(input, _)| *input == "images").map(|(_, clock)| clock);
         match (clocks().map(|c| c.first).max(), clocks().map(|c| c.last).min()) {
             (Some(first), Some(last)) => spaced(first, last.max(first), self.count),
             _ => vec![cx.clock.first],
         }
     }
 
-    fn rows(&self, frames: &[i64], top: usize, width: usize, gap: usize) -> Result<Vec<Row<'_>>, NodeError> {
+    fn rows(&self, top: usize, width: usize, gap: usize) -> Result<Vec<Row<'_>>, NodeError> {
         let mut rows: Vec<Row> = Vec::new();
         for images in &self.images.0 {
-            let shown = frames.iter().map(|&f| position(images, f)).collect::<Result<Vec<_>, _>>()?;
-            let shape = shown.first().map(|&k| images.get(k)).transpose()?.map(|i| i.display_window()).unwrap_or_default();
+            let shape = images.get(0)?.display_window();
             if shape.is_empty() {
                 return Err(NodeError::input(format!("expected pictures, found one of {} x {} pixels", shape.width, shape.height)));
             }
             let height = libm::round(width as f64 * shape.height as f64 / shape.width as f64).clamp(1.0, 65536.0) as usize;
             let top = rows.last().map_or(top, |r| r.top + r.height + gap);
-            rows.push(Row { images, shown, top, height });
+            rows.push(Row { images, top, height });
         }
         Ok(rows)
     }
@@ -148,6 +137,10 @@ fn lay(image: &Image, [width, height]: [usize; 2], sheet: &mut [f32], stride: us
 }
 
 impl Whole for RenderStrip {
+    fn reads(&self, _input: &str, cx: &Context) -> Vec<i64> {
+        self.shown(cx)
+    }
+
     fn run(self, cx: &Context) -> Result<Drawing, NodeError> {
         if self.images.0.is_empty() {
             return Err(NodeError::input("expected at least one row of pictures, found none"));
@@ -162,16 +155,16 @@ impl Whole for RenderStrip {
         let named = self.labels.iter().map(|l| text_width(l, text)).fold(0.0, f64::max).min(4096.0);
         let left = gap + if named > 0.0 { libm::ceil(named + text * 1.4) as usize } else { 0 };
         let top = gap + if self.numbers { libm::ceil(text * 2.0) as usize } else { 0 };
-        let rows = self.rows(&frames, top, width, gap)?;
+        let rows = self.rows(top, width, gap)?;
         let bottom = rows.last().map_or(top, |r| r.top + r.height + gap);
         let window = Window::at_origin(left + frames.len().saturating_mul(width + gap), bottom);
         let mut sheet = blank(window)?;
         let ground = screen(self.background);
         sheet.chunks_exact_mut(4).for_each(|p| p.copy_from_slice(&ground));
         for row in &rows {
-            for (i, &k) in row.shown.iter().enumerate() {
+            for i in 0..frames.len() {
                 cx.check()?;
-                lay(row.images.get(k)?.as_ref(), [width, row.height], &mut sheet, window.width, [left + i * (width + gap), row.top])?;
+                lay(row.images.get(i)?.as_ref(), [width, row.height], &mut sheet, window.width, [left + i * (width + gap), row.top])?;
             }
         }
         let mut canvas = Canvas::new(&mut sheet, window.width, window.height).map_err(|e| NodeError::internal(e.to_string()))?;
@@ -264,8 +257,8 @@ mod tests {
     }
 
     #[test]
-    fn one_frame_is_held_at_a_time_and_those_that_are_not_shown_are_not_read() {
-        let (images, count) = counted(100, |k| Image::new(4, 2, 1, vec![k as f32; 8]).unwrap());
+    fn one_frame_is_held_at_a_time() {
+        let (images, count) = counted(3, |k| Image::new(4, 2, 1, vec![k as f32; 8]).unwrap());
         let node = RenderStrip {
             images: List(vec![images]),
             frames: vec![3, 50, 98],
@@ -280,7 +273,7 @@ mod tests {
         let (clock, cancel) = (clock(100), Cancel::default());
         let cx = Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &cancel };
         let sheet = node.run(&cx).unwrap().image;
-        assert_eq!([0, 4, 8].map(|x| sheet.samples()[x * 4].round()), [2.0, 49.0, 97.0]);
+        assert_eq!([0, 4, 8].map(|x| sheet.samples()[x * 4].round()), [0.0, 1.0, 2.0]);
         // The first is read once more, for its shape.
         assert_eq!((count.peak(), count.reads()), (1, 4));
     }
@@ -288,6 +281,9 @@ mod tests {
     #[test]
     fn a_frame_that_is_not_there_is_refused() {
         let out = r#""out": (type: "render.strip", images: "@now", frames: [2, 9])"#;
-        assert_eq!(pictures(&format!("{MOVING} {out}"), 1).err().unwrap(), "expected frames 1 to 4, found 9");
+        assert_eq!(
+            pictures(&format!("{MOVING} {out}"), 1).err().unwrap(),
+            "expected frames 1 to 4 of the clock `frames`, asked for frame 9"
+        );
     }
 }

@@ -21,7 +21,7 @@ pub(crate) fn load(nodes: &str) -> Result<Graph, Vec<String>> {
 pub(crate) fn pictures(nodes: &str, threads: usize) -> Result<Vec<Arc<Image>>, String> {
     let graph = load(nodes).map_err(|e| e.join("; "))?;
     let port = Port { node: graph.find("out").unwrap(), output: 0 };
-    let mut report = execute(&graph, &[], &[port], &Options { threads, ..Options::default() }).unwrap();
+    let mut report = execute(&graph, &[], &[port], &Options { threads, ..Options::default() }).map_err(|e| e.error.message)?;
     match report.failures.first() {
         Some(failure) => Err(failure.error.message.clone()),
         None => Ok(report.kept.remove(&port).unwrap().into_iter().map(|v| downcast::<Image>(v.unwrap()).unwrap()).collect()),

@@ -148,7 +148,7 @@ pub(super) fn type_at(input: &InputSchema) -> Option<&'static str> {
 
 /// A reference to the stand-in for an input of values.
 pub(super) fn reference(schema: &NodeSchema, input: &InputSchema, kind: Kind) -> Option<String> {
-    let reads_one = input.access == Access::Constant || (schema.kind == node::Kind::Whole && input.access != Access::Sequence);
+    let reads_one = input.access == Access::Constant || (schema.kind == node::Kind::Whole && !input.access.by_handle());
     let single = if reads_one { "single" } else { "stream" };
     type_at(input).map(|ty| format!("\"@{ty}-{}-{single}\"", kind.name()))
 }
