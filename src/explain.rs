@@ -150,6 +150,7 @@ fn input_text(input: &InputSchema) -> String {
         Access::Frame => "a stream, read at the same frame, or one value, held",
         Access::Frames => "a stream, read at the frames that the node asks for, or one value, held",
         Access::Sequence => "a stream, read whole",
+        Access::Picked => "a stream, of which the node reads the frames that it asks for, or one value",
         Access::Constant => "one value for the whole graph",
     };
     if wired {

@@ -10,6 +10,7 @@ mod completions;
 mod console;
 mod explain;
 mod graph;
+mod leave;
 mod list;
 mod observers;
 mod plan;
@@ -27,6 +28,7 @@ use std::ffi::OsString;
 use clap::Parser;
 use pegbar_engine::registry::Registry;
 
+pub use leave::leave;
 pub use pool::Pool;
 
 pub use console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG};

@@ -22,7 +22,7 @@ fn main() -> ExitCode {
         // A node may be in the middle of something long. Whatever is cut off here is as if the process were killed: no file is there by half.
         std::thread::sleep(PATIENCE);
         eprintln!("cancelled: files that are there are whole");
-        std::process::exit(i32::from(EXIT_CANCELLED));
+        pegbar::leave(EXIT_CANCELLED);
     });
     let is_terminal = std::io::stderr().is_terminal();
     let no_color = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
