@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use crate::exec::Failure;
 use crate::graph::{Binding, Graph, GraphNode, Port};
@@ -197,15 +197,24 @@ impl Saver<'_> {
         }
     }
 
-    /// Copies the file that is read at this frame; one that is not there is no file of the bundle either, so that the same is missed.
+    /// Copies the file that is read at this frame, and what its contents name in its folder or below; one that is not there is no file of the bundle
+    /// either, so that the same is missed.
     fn copy(&mut self, input: &str, path: &InputPath) -> Result<String, BundleError> {
         let here = format!("files/{}", file_name(input));
         let parent = |p: &Path| p.parent().map(Path::to_owned).unwrap_or_default();
         self.folders.push((here.clone(), parent(&path.at(self.frame)).display().to_string()));
         if let Some(file) = path.resolve(self.frame, missing(self.spec)).filter(|f| f.is_file()) {
-            let copy = self.folder.join(&here).join(file.file_name().unwrap_or_default());
-            make_parent(&copy)?;
-            std::fs::copy(&file, &copy).map_err(file_error(&file, "copying"))?;
+            let from = parent(&file);
+            let beside = self.spec.ty.schema.beside.map_or_else(Vec::new, |beside| beside(&file));
+            for file in std::iter::once(&file).chain(beside.iter().filter(|f| f.is_file())) {
+                let Some(below) = file.strip_prefix(&from).ok().filter(|p| p.components().all(|c| matches!(c, Component::Normal(_))))
+                else {
+                    continue;
+                };
+                let copy = self.folder.join(&here).join(below);
+                make_parent(&copy)?;
+                std::fs::copy(file, &copy).map_err(file_error(file, "copying"))?;
+            }
         }
         let pattern = path.pattern();
         let name = pattern.rsplit(['/', std::path::MAIN_SEPARATOR]).next().unwrap_or_default();

@@ -149,9 +149,15 @@ impl PerFrame for Ragged {
     }
 }
 
-/// A number in a file.
+/// The file that a file refers to, where it does.
+fn referred(path: &Path) -> Vec<PathBuf> {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    text.strip_prefix("see ").map(|name| path.with_file_name(name)).into_iter().collect()
+}
+
+/// A number in a file, or in the one that it refers to.
 #[derive(Node)]
-#[node(id = "test.read", version = 1, kind = source, outputs = Number)]
+#[node(id = "test.read", version = 1, kind = source, outputs = Number, beside = referred)]
 struct Read {
     /// The file.
     path: InputPath,
@@ -163,6 +169,7 @@ struct Read {
 impl PerFrame for Read {
     fn run(self, cx: &Context) -> Result<Number, NodeError> {
         let path = self.path.resolve(cx.frame, self.missing).ok_or_else(|| NodeError::input(self.path.pattern()))?;
+        let path = referred(&path).pop().unwrap_or(path);
         let text = std::fs::read_to_string(&path).map_err(|e| NodeError::io(&path, e))?;
         let value = text.trim().parse().map_err(|e| NodeError::io(&path, e).help(format!("look into {}", path.display())))?;
         Ok(Number { value: Curve { value } })
@@ -377,6 +384,23 @@ fn files_that_are_read_travel_with_the_bundle_and_are_called_as_in_the_run() {
         assert_eq!(difference(failure, &bundle), None);
     }
     assert_eq!(files(&moved.join("seq@4")), ["failure.json", "files/path/n.01.txt"]);
+}
+
+#[test]
+fn files_that_a_file_names_travel_with_it_but_none_from_outside_its_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    std::fs::create_dir_all(folder.path().join("in/data")).unwrap();
+    write("in/a.txt", "see data/a.bin");
+    write("in/data/a.bin", "many");
+    write("in/b.txt", "see ../b.bin");
+    write("b.bin", "many");
+    let graph = graph_in(folder.path(), r#""a": (type: "test.read", path: "in/a.txt"), "b": (type: "test.read", path: "in/b.txt")"#);
+    let mut found = failures(&graph, &folder.path().join("bundles"));
+    found.sort_by_key(|(f, _)| f.node);
+    assert_eq!(difference(&found[0].0, &found[0].1), None);
+    assert_eq!(files(&found[0].1), ["failure.json", "files/path/a.txt", "files/path/data/a.bin"]);
+    assert_eq!(files(&found[1].1), ["failure.json", "files/path/b.txt"]);
 }
 
 #[test]
