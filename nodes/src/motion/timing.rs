@@ -2,6 +2,7 @@
 
 use pegbar_engine::node::Problem;
 use pegbar_engine::setting::{Choice, Setting, SettingError};
+use pegbar_engine::syntax::{NodeKind, NodeRef, Tree};
 
 use crate::algo::keyframes::Easing;
 
@@ -19,13 +20,12 @@ impl Setting for Easings {
     }
 
     fn parse(text: &str) -> Result<Self, SettingError> {
-        let Some(list) = text.trim().strip_prefix('[').and_then(|t| t.strip_suffix(']')) else {
+        let tree = Tree::parse(text);
+        let Some(list) = tree.value().filter(|v| v.kind() == NodeKind::List) else {
             return Easing::parse(text).map(|e| Self(vec![e]));
         };
-        // What follows the last comma may be left out.
-        let list = list.trim().strip_suffix(',').unwrap_or(list);
-        let words = list.split(',').map(Easing::parse).collect::<Result<_, _>>();
-        words.map(Self).map_err(|e| SettingError { span: 0..text.len(), ..e })
+        let one = |word: NodeRef<'_>| Easing::parse(word.text()).map_err(|e| SettingError { span: word.span().range(), ..e });
+        list.elements().map(one).collect::<Result<_, _>>().map(Self)
     }
 }
 
@@ -57,4 +57,20 @@ pub(crate) fn each(input: &'static str, keys: usize, entries: usize, numbers: &[
         unless(numbers.iter().all(|v| v.is_finite()), input, || "expected finite numbers, found NaN or infinity".to_owned()),
     ];
     found.into_iter().flatten().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn easings_are_a_word_or_a_list_with_comments() {
+        let read = |text: &str| Easings::parse(text).map(|e| e.0);
+        assert_eq!(read(" smooth "), Ok(vec![Easing::Smooth]));
+        assert_eq!(read("[hold, // off the ground\n /* and */ slow_in,]"), Ok(vec![Easing::Hold, Easing::SlowIn]));
+        assert_eq!(read("[]"), Ok(Vec::new()));
+        let error = read("[hold, bouncy]").unwrap_err();
+        assert_eq!((error.span.clone(), error.message.ends_with("found bouncy")), (7..13, true), "{error:?}");
+        assert!(read("[hold, 3]").is_err() && read("(hold)").is_err());
+    }
 }
