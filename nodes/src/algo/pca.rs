@@ -189,7 +189,7 @@ mod tests {
         // Fourteen mixes of three directions, one of them ten thousand times as wide as the last.
         let wide = |i: usize, k: usize| libm::sin((i * (k + 2)) as f64) * [1e4, 1.0, 1.0][k];
         let example =
-            |e: usize| (0..40).map(|i| 5.0 + (0..3).map(|k| wide(i, k) * libm::cos((e * e + 3 * k) as f64)).sum::<f64>()).collect();
+            |e: usize| (0..40).map(|i| 5.0 + (0..3).map(|k| wide(i, k) * libm::cos((e * e * (k + 1)) as f64)).sum::<f64>()).collect();
         let examples: Vec<Vec<f64>> = (0..14).map(example).collect();
         let space = pca(&examples.iter().map(Vec::as_slice).collect::<Vec<_>>(), 1, Keep::Components(13)).unwrap();
         assert_eq!(space.components.len(), 3);

@@ -79,7 +79,7 @@ fn linear_is_the_mean_and_arap_turns_what_is_inside_and_near() {
 #[test]
 fn what_cannot_be_retargeted_is_said() {
     let error = |weights: &[f64], i, outline| run(keys(), weights, i, outline).unwrap_err();
-    assert_eq!(error(&[1.0], Interpolation::Arap, None), "expected 2 weights, one for each key, found 1");
+    assert_eq!(error(&[1.0], Interpolation::Arap, None), "weights: expected 2, one for each key, found 1");
     assert!(error(&[1.0], Interpolation::Linear, None).starts_with("expected 2 weights"));
     assert_eq!(error(&[1.0, 0.0], Interpolation::Arap, Some("hat")), "expected a path `hat` for the outline, found none");
     assert_eq!(error(&[1.0, 0.0], Interpolation::Arap, Some("dots")), "path `dots`: expected a closed outline, found an open one");
