@@ -14,6 +14,7 @@ mod footage_tests;
 mod image;
 mod io;
 mod keys;
+mod markers;
 mod matte;
 mod motion;
 mod plot;

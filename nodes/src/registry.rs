@@ -17,10 +17,11 @@ use crate::image::{
     ImageWarpAffine, ImageWarpMesh,
 };
 use crate::io::{
-    IoReadDrawings, IoReadGltf, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadShapes, IoReadValue, IoWriteDrawings,
-    IoWriteGltf, IoWriteImages, IoWriteTable, IoWriteValue,
+    IoReadBvh, IoReadDrawings, IoReadGltf, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadShapes, IoReadValue,
+    IoWriteBvh, IoWriteDrawings, IoWriteGltf, IoWriteImages, IoWriteTable, IoWriteValue,
 };
 use crate::keys::{KeysBasis, KeysChoose, KeysDraw, KeysInbetween, KeysPick};
+use crate::markers::{MarkersFromPose, MarkersProject};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth};
 use crate::plot::{PlotCurves, PlotPlayhead};
@@ -96,6 +97,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ImageUnpremultiply>()
         .per_frame::<ImageWarpAffine>()
         .recurrent::<ImageWarpMesh>()
+        .whole::<IoReadBvh>()
         .per_frame::<IoReadDrawings>()
         .whole::<IoReadGltf>()
         .per_frame::<IoReadImage>()
@@ -104,6 +106,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<IoReadKeyShapes>()
         .per_frame::<IoReadShapes>()
         .per_frame::<IoReadValue>()
+        .whole::<IoWriteBvh>()
         .whole::<IoWriteDrawings>()
         .whole::<IoWriteGltf>()
         .per_frame::<IoWriteImages>()
@@ -114,6 +117,8 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<KeysDraw>()
         .per_frame::<KeysInbetween>()
         .whole::<KeysPick>()
+        .per_frame::<MarkersFromPose>()
+        .per_frame::<MarkersProject>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
         .whole::<MeshPin>()

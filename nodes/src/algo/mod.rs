@@ -1,6 +1,7 @@
 //! The mathematics of the stages: pure functions on slices and matrices, each citing its equation. Nothing here knows the engine.
 
 pub mod arap;
+pub mod bvh;
 pub mod camera;
 pub mod capture_contour;
 pub mod cel;
@@ -22,6 +23,7 @@ pub mod in_plane;
 pub mod key_blend;
 pub mod key_weights;
 pub mod keyframes;
+pub mod markers;
 pub mod merge;
 pub mod mesh;
 pub mod mesh_deform;
@@ -45,6 +47,8 @@ pub mod statistics;
 pub mod surface;
 pub mod svg;
 pub mod table;
+pub mod take;
+pub mod text;
 pub mod toon;
 pub mod trace;
 pub mod track_affine;

@@ -1,8 +1,10 @@
 //! Files in and out: pictures, values and tables.
 
+mod capture;
 mod file;
 mod gltf;
 mod picture;
+mod read_bvh;
 mod read_drawings;
 mod read_gltf;
 mod read_image;
@@ -14,12 +16,14 @@ mod read_value;
 mod svg;
 #[cfg(test)]
 mod tests;
+mod write_bvh;
 mod write_drawings;
 mod write_gltf;
 mod write_images;
 mod write_table;
 mod write_value;
 
+pub(crate) use read_bvh::IoReadBvh;
 pub(crate) use read_drawings::IoReadDrawings;
 pub(crate) use read_gltf::IoReadGltf;
 pub(crate) use read_image::IoReadImage;
@@ -28,6 +32,7 @@ pub(crate) use read_key_drawings::IoReadKeyDrawings;
 pub(crate) use read_key_shapes::IoReadKeyShapes;
 pub(crate) use read_shapes::IoReadShapes;
 pub(crate) use read_value::IoReadValue;
+pub(crate) use write_bvh::IoWriteBvh;
 pub(crate) use write_drawings::IoWriteDrawings;
 pub(crate) use write_gltf::IoWriteGltf;
 pub(crate) use write_images::IoWriteImages;
