@@ -17,11 +17,11 @@ use crate::image::{
     ImageWarpAffine, ImageWarpMesh,
 };
 use crate::io::{
-    IoReadBvh, IoReadDrawings, IoReadGltf, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadShapes, IoReadValue,
-    IoWriteBvh, IoWriteDrawings, IoWriteGltf, IoWriteImages, IoWriteTable, IoWriteValue,
+    IoReadAmc, IoReadBvh, IoReadDrawings, IoReadGltf, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadMarkers,
+    IoReadShapes, IoReadValue, IoWriteBvh, IoWriteDrawings, IoWriteGltf, IoWriteImages, IoWriteMarkers, IoWriteTable, IoWriteValue,
 };
 use crate::keys::{KeysBasis, KeysChoose, KeysDraw, KeysInbetween, KeysPick};
-use crate::markers::{MarkersFromPose, MarkersProject};
+use crate::markers::{MarkersFromPose, MarkersProject, MarkersSmooth};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth};
 use crate::plot::{PlotCurves, PlotPlayhead};
@@ -97,6 +97,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ImageUnpremultiply>()
         .per_frame::<ImageWarpAffine>()
         .recurrent::<ImageWarpMesh>()
+        .whole::<IoReadAmc>()
         .whole::<IoReadBvh>()
         .per_frame::<IoReadDrawings>()
         .whole::<IoReadGltf>()
@@ -104,12 +105,14 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<IoReadImages>()
         .per_frame::<IoReadKeyDrawings>()
         .per_frame::<IoReadKeyShapes>()
+        .whole::<IoReadMarkers>()
         .per_frame::<IoReadShapes>()
         .per_frame::<IoReadValue>()
         .whole::<IoWriteBvh>()
         .whole::<IoWriteDrawings>()
         .whole::<IoWriteGltf>()
         .per_frame::<IoWriteImages>()
+        .whole::<IoWriteMarkers>()
         .whole::<IoWriteTable>()
         .whole::<IoWriteValue>()
         .per_frame::<KeysBasis>()
@@ -119,6 +122,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<KeysPick>()
         .per_frame::<MarkersFromPose>()
         .per_frame::<MarkersProject>()
+        .whole::<MarkersSmooth>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
         .whole::<MeshPin>()

@@ -1,5 +1,6 @@
 //! The mathematics of the stages: pure functions on slices and matrices, each citing its equation. Nothing here knows the engine.
 
+pub mod amc;
 pub mod arap;
 pub mod bvh;
 pub mod camera;

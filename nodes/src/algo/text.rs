@@ -29,7 +29,15 @@ pub struct Word<'a> {
     line_start: usize,
 }
 
-impl Word<'_> {
+impl<'a> Word<'a> {
+    /// Its parts between white space.
+    pub fn split(self) -> impl Iterator<Item = Self> {
+        let text = self.text;
+        // Each part lies within the text, so that its place is the difference of their starts.
+        let part = move |p: &'a str| Self { text: p, at: self.at + (p.as_ptr() as usize - text.as_ptr() as usize), ..self };
+        text.split_whitespace().map(part)
+    }
+
     /// Its last `length` bytes, where they start.
     #[must_use]
     pub fn end(self, length: usize) -> Self {

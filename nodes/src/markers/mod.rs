@@ -2,6 +2,8 @@
 
 mod from_pose;
 mod project;
+mod smooth;
 
 pub(crate) use from_pose::MarkersFromPose;
 pub(crate) use project::MarkersProject;
+pub(crate) use smooth::MarkersSmooth;
