@@ -1,5 +1,6 @@
 //! The file nodes in whole graphs: what is written is read again, and what cannot be is one clear error and no file.
 
+mod capture;
 mod drawings;
 mod gltf;
 mod pictures;

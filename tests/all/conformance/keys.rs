@@ -47,8 +47,24 @@ fn keys(graph: &Graph) -> Result<BTreeSet<[u8; 32]>, String> {
     Ok(found)
 }
 
-/// Two pictures a frame, two drawings of the same nodes, and two characters.
+/// Two pictures a frame, two drawings of the same nodes, two characters, two takes in either format, and two files of markers.
 pub(super) fn pictures(folder: &Path) {
+    for (name, x) in [("a", 3), ("b", 5)] {
+        let write = |extension: &str, text: String| std::fs::write(folder.join(format!("{name}.{extension}")), text).unwrap();
+        let channels = "CHANNELS 3 Xposition Yposition Zrotation";
+        write(
+            "bvh",
+            format!("HIERARCHY ROOT {name}\n{{ OFFSET 0 {x} 0 {channels} }}\nMOTION\nFrames: 2\nFrame Time: 0.04\n0 0 0\n1 {x} 30\n"),
+        );
+        write("asf", format!(":root\norder TX RX\nposition {x} 0 0\n"));
+        write("amc", format!("1\nroot {x} 0\n2\nroot 1 {x}\n"));
+        write(
+            "csv",
+            (1..=4)
+                .map(|frame| format!("{frame},R,{frame},{x}\r\n{frame},G,{x},1\r\n"))
+                .fold("frame,name,x,y\r\n".to_owned(), |a, b| a + &b),
+        );
+    }
     for (name, x) in [("a", 3), ("b", 5)] {
         let drawing =
             format!("<svg xmlns='http://www.w3.org/2000/svg' width='12' height='9'><g id='a'><path id='b' d='M0 0L{x} 0L2 7Z'/></g></svg>");

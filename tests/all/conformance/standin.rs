@@ -184,16 +184,22 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
         (list, _) if list.starts_with("list of pins") && list.contains("joint") => {
             texts(&["[(frames: (1, 2), joint: \"a\")]", "[(frames: (2, 3), vertex: 0)]"])
         }
+        (map, _) if map.starts_with("joints by the names") => texts(&["{ \"a\": \"joint_0\" }", "{ \"b\": \"joint_0\" }"]),
+        ("path to read", "io.read_amc") if input.name == "skeleton" => texts(&["\"a.asf\"", "\"b.asf\""]),
+        ("path to read", "io.read_amc") => texts(&["\"a.amc\"", "\"b.amc\""]),
+        ("path to read", "io.read_bvh") => texts(&["\"a.bvh\"", "\"b.bvh\""]),
         ("path to read", "io.read_gltf") => texts(&["\"a.gltf\"", "\"b.gltf\""]),
         ("path to read", "io.read_image") => texts(&["\"a.0001.png\"", "\"b.0001.png\""]),
         ("path to read", "io.read_images") => texts(&["\"a.####.png\"", "\"b.####.png\""]),
+        ("path to read", "io.read_markers") => texts(&["\"a.csv\"", "\"b.csv\""]),
         ("path to read", "io.read_value") => texts(&["\"Curve.ordinary.stream.npz\"", "\"Curve.other.stream.npz\""]),
         ("path to read", "io.read_shapes" | "io.read_drawings") => texts(&["\"a.svg\"", "\"b.svg\""]),
         ("path or list of paths to read", _) => texts(&["[\"a.svg\", \"b.svg\"]", "[\"b.svg\", \"a.svg\"]"]),
+        ("path to write", "io.write_bvh") => texts(&["\"$out/a.bvh\"", "\"$out/b.bvh\""]),
         ("path to write", "io.write_drawings") => texts(&["\"$out/a.svg\"", "\"$out/b.svg\""]),
         ("path to write", "io.write_gltf") => texts(&["\"$out/a.glb\"", "\"$out/b.glb\""]),
         ("path to write", "io.write_images") => texts(&["\"$out/a.####.png\"", "\"$out/b.####.png\""]),
-        ("path to write", "io.write_table") => texts(&["\"$out/a.csv\"", "\"$out/b.csv\""]),
+        ("path to write", "io.write_markers" | "io.write_table") => texts(&["\"$out/a.csv\"", "\"$out/b.csv\""]),
         ("path to write", "io.write_value") => texts(&["\"$out/a.npz\"", "\"$out/b.npz\""]),
         // A type or a file format that this test knows nothing of yet: every literal of the inputs around it, then the default's own form.
         _ => input.default.map(str::to_owned).into_iter().collect(),
