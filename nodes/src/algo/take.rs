@@ -79,7 +79,7 @@ pub fn rate(seconds: f64, digits: usize) -> f64 {
     // Some programs cut digits off instead of rounding, so that a whole unit of the last may be missing.
     let off = 1.01 * libm::pow(10.0, -(digits.min(300) as f64));
     let may_be = |fps: f64| fps >= 1.0 && (1.0 / fps - seconds).abs() <= off.min(1e-3 * seconds);
-    let television = (rate * 1.001).round() / 1.001;
+    let television = (rate * 1.001).round() * 1000.0 / 1001.0;
     [rate.round(), television].into_iter().find(|fps| may_be(*fps)).unwrap_or(rate)
 }
 

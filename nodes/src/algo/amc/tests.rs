@@ -81,15 +81,15 @@ fn what_is_wrong_is_said_where_it_is() {
         ("dof rx ry rz", "dof rx l", "line 22, column 9: expected rx, ry or rz, each once, found `l`"),
         ("dof rx ry rz", "dof rx rx", "line 22, column 9: expected each degree of freedom once, found `rx`"),
         ("direction 0.01 0.99 -0.1", "direction 0.01 0.99", "line 19, column 2: expected 3 numbers after `direction`, found 2"),
-        ("name lowerback", "name lfoot", "line 33, column 2: expected a name of the bone, unlike every other, found `lfoot`"),
-        ("lowerback lfemur stub", "lowerback lfemur tail", "line 63, column 24: expected a bone of :bonedata, each once, found `tail`"),
+        ("name lowerback", "name lfoot", "line 34, column 2: expected a name of the bone, unlike every other, found `lfoot`"),
+        ("lowerback lfemur stub", "lowerback lfemur tail", "line 68, column 24: expected a bone of :bonedata, each once, found `tail`"),
         (
             "lowerback lfemur stub",
             "lowerback lfemur",
-            "line 68, column 1: expected :hierarchy with a parent for each bone, found the end of the file",
+            "line 73, column 1: expected :hierarchy with a parent for each bone, found the end of the file",
         ),
-        ("lfemur ltibia", "lfoot ltibia", "line 68, column 1: expected :hierarchy with a parent for each bone, found the end of the file"),
-        (":root", ":roots", "line 68, column 1: expected :root, found the end of the file"),
+        ("lfemur ltibia", "lfoot ltibia", "line 73, column 1: expected :hierarchy with a parent for each bone, found the end of the file"),
+        (":root", ":roots", "line 73, column 1: expected :root, found the end of the file"),
         ("begin", "begins", "line 16, column 1: expected begin, found `begins`"),
     ] {
         assert_eq!(refused(from, to), truth, "{to}");

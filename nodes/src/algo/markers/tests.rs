@@ -53,8 +53,8 @@ fn json_that_is_wrong_is_told_by_place() {
         ("\"frame\": 2", "\"frame\": 1", "frames[1].frame: expected each frame once, found 1 again"),
         ("\"a\", \"b\"", "\"a\", \"a\"", "names[1]: expected a name, each once, found \"a\""),
         ("[64, 32]", "[0, 32]", "size: expected width and height of a picture, found [0.0, 32.0]"),
-        ("\"frames\"", "\"frame\"", "unknown field `frame`, expected one of `size`, `names`, `frames` at line 1 column 46"),
-        ("[1, 2]", "[1, NaN]", "expected value at line 1 column 86"),
+        ("\"frames\"", "\"frame\"", "unknown field `frame`, expected one of `size`, `names`, `frames` at line 1 column 47"),
+        ("[1, 2]", "[1, NaN]", "expected value at line 1 column 80"),
     ] {
         assert_eq!(read_json_markers(&fine.replacen(from, to, 1)).unwrap_err().to_string(), truth);
     }
