@@ -1,6 +1,7 @@
 //! The animation nodes of Pegbar: data types at the bottom, `algo` above them (pure functions), one file a node on top.
 
 pub mod algo;
+mod basis;
 mod camera;
 mod capture;
 mod cel;
@@ -9,11 +10,13 @@ mod comp;
 mod counted;
 pub mod data;
 mod drawing;
+mod eval;
 #[cfg(test)]
 mod footage_tests;
 mod image;
 mod io;
 mod keys;
+mod lift;
 mod markers;
 mod matte;
 mod motion;

@@ -2,15 +2,17 @@
 
 use pegbar_engine::registry::Registry;
 
-use crate::camera::{CameraOrthographic, CameraPerspective};
+use crate::basis::BasisPca;
+use crate::camera::{CameraCalibrate, CameraOrthographic, CameraPerspective};
 use crate::capture::CaptureContour;
 use crate::cel::{CelArt, CelCharacter, CelCharacterPose, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{
     Affine2, Basis, Camera, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Markers2, Markers3, Matte, Mesh, MorphTargets, Pose, Shape,
-    Skeleton, SkinnedMesh, Weights,
+    Skeleton, SkinnedMesh, WarpPath, Weights,
 };
 use crate::drawing::DrawingMerge;
+use crate::eval::EvalRms;
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageGrain,
     ImageInvert, ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply,
@@ -21,17 +23,18 @@ use crate::io::{
     IoReadShapes, IoReadValue, IoWriteBvh, IoWriteDrawings, IoWriteGltf, IoWriteImages, IoWriteMarkers, IoWriteTable, IoWriteValue,
 };
 use crate::keys::{KeysBasis, KeysChoose, KeysDraw, KeysInbetween, KeysPick};
+use crate::lift::LiftLinear;
 use crate::markers::{MarkersFromPose, MarkersProject, MarkersSmooth};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth};
 use crate::plot::{PlotCurves, PlotPlayhead};
-use crate::pose::{MeshPin, PosePin};
+use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PosePin};
 use crate::render::{RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, RetargetMeshes, RetargetShapes};
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
 use crate::skin::SkinLinearBlend;
 use crate::solve::SolveKeyWeights;
-use crate::time::{RetimeApply, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
+use crate::time::{RetimeApply, RetimeDtw, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::{TrackAffine, TrackEigen};
 use crate::weights::WeightsKeys;
 
@@ -60,12 +63,15 @@ fn types(registry: Registry) -> Registry {
         .value::<Shape>()
         .value::<Skeleton>()
         .value::<SkinnedMesh>()
+        .value::<WarpPath>()
         .value::<Weights>()
 }
 
 #[rustfmt::skip]
 fn nodes(registry: Registry) -> Registry {
     registry
+        .whole::<BasisPca>()
+        .whole::<CameraCalibrate>()
         .per_frame::<CameraOrthographic>()
         .per_frame::<CameraPerspective>()
         .whole::<CaptureContour>()
@@ -78,6 +84,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<CompMerge>()
         .per_frame::<CompOver>()
         .per_frame::<DrawingMerge>()
+        .whole::<EvalRms>()
         .per_frame::<ImageBlur>()
         .per_frame::<ImageCheckerboard>()
         .whole::<ImageCleanPlate>()
@@ -120,6 +127,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<KeysDraw>()
         .per_frame::<KeysInbetween>()
         .whole::<KeysPick>()
+        .whole::<LiftLinear>()
         .per_frame::<MarkersFromPose>()
         .per_frame::<MarkersProject>()
         .whole::<MarkersSmooth>()
@@ -134,6 +142,8 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<MotionSmooth>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
+        .per_frame::<PoseAlign2d>()
+        .per_frame::<PoseDescriptor>()
         .whole::<PosePin>()
         .per_frame::<RenderDrawings>()
         .per_frame::<RenderShadow>()
@@ -146,6 +156,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<RetargetMeshes>()
         .recurrent::<RetargetShapes>()
         .per_frame::<RetimeApply>()
+        .whole::<RetimeDtw>()
         .per_frame::<ShapeFitAffine>()
         .recurrent::<ShapeResample>()
         .per_frame::<ShapeTrace>()

@@ -1,8 +1,10 @@
 //! The mathematics of the stages: pure functions on slices and matrices, each citing its equation. Nothing here knows the engine.
 
+pub mod align_2d;
 pub mod amc;
 pub mod arap;
 pub mod bvh;
+pub mod calibrate;
 pub mod camera;
 pub mod capture_contour;
 pub mod cel;
@@ -13,6 +15,7 @@ pub mod color_clusters;
 pub mod compatible;
 pub mod creature;
 pub mod curve_bend;
+pub mod dtw;
 pub mod filter;
 pub mod fit_affine;
 pub mod generate;
@@ -24,6 +27,7 @@ pub mod in_plane;
 pub mod key_blend;
 pub mod key_weights;
 pub mod keyframes;
+pub mod lift;
 pub mod markers;
 pub mod merge;
 pub mod mesh;
@@ -33,6 +37,7 @@ pub mod paint;
 pub mod pca;
 pub mod pins;
 pub mod plot;
+pub mod pose_descriptor;
 pub mod pose_map;
 pub mod raster;
 pub mod refine;

@@ -57,7 +57,7 @@ const RANK: f64 = 1e-7;
 /// the coordinates.
 ///
 /// Errors: no example, examples of different lengths or with coordinates that are not finite.
-/// Cost: O(m² d + m³) for m examples of d coordinates: by the matrix of inner products, as d is the larger.
+/// Cost: O(m d n + n³) for m examples of d coordinates and n the smaller of the two.
 pub fn pca(examples: &[&[f64]], points: usize, keep: Keep) -> Result<Space, PcaError> {
     let d = validate(examples)?;
     let m = examples.len();
@@ -121,7 +121,10 @@ fn inner(a: &[f64], b: &[f64]) -> f64 {
 
 /// The directions in which centred examples spread, the widest first, not quite orthonormal.
 fn directions(rest: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let m = rest.len();
+    let (m, d) = (rest.len(), rest[0].len());
+    if m > d {
+        return directions_of_many(rest, d);
+    }
     let gram = DMatrix::from_fn(m, m, |i, j| inner(&rest[i], &rest[j]));
     let eigen = SymmetricEigen::new(gram);
     let mut order: Vec<usize> = (0..m).collect();
@@ -139,6 +142,22 @@ fn directions(rest: &[Vec<f64>]) -> Vec<Vec<f64>> {
     };
     // One example less than there are spans what is centred.
     order.into_iter().take(m - 1).filter(spread).map(direction).collect()
+}
+
+/// The same by the matrix of the coordinates' products, where there are more examples than coordinates.
+fn directions_of_many(rest: &[Vec<f64>], d: usize) -> Vec<Vec<f64>> {
+    let mut products = DMatrix::<f64>::zeros(d, d);
+    for r in rest {
+        for (j, b) in r.iter().enumerate() {
+            products.column_mut(j).iter_mut().zip(r).for_each(|(p, a)| *p += a * b);
+        }
+    }
+    let eigen = SymmetricEigen::new(products);
+    let mut order: Vec<usize> = (0..d).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let widest = eigen.eigenvalues[order[0]];
+    let spread = |&i: &usize| eigen.eigenvalues[i] > widest * RANK * RANK && eigen.eigenvalues[i] > 0.0;
+    order.into_iter().filter(spread).map(|i| eigen.eigenvectors.column(i).iter().copied().collect()).collect()
 }
 
 #[cfg(test)]

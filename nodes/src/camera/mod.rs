@@ -1,10 +1,12 @@
 //! Cameras: where one stands, and how it projects.
 
+mod calibrate;
 mod orthographic;
 mod perspective;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use calibrate::CameraCalibrate;
 pub(crate) use orthographic::CameraOrthographic;
 pub(crate) use perspective::CameraPerspective;
 

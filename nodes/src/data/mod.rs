@@ -11,6 +11,7 @@ mod matte;
 mod mesh;
 mod shape;
 mod skeleton;
+mod warp_path;
 mod weights;
 
 pub use affine::Affine2;
@@ -25,4 +26,5 @@ pub use matte::Matte;
 pub use mesh::{Mesh, MorphTargets, SkinnedMesh};
 pub use shape::{KeyShapes, Shape};
 pub use skeleton::{Pose, Skeleton};
+pub use warp_path::WarpPath;
 pub use weights::Weights;

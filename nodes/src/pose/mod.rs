@@ -1,8 +1,12 @@
 //! What joints do: made to stand where they should.
 
+mod align_2d;
+mod descriptor;
 mod mesh_pin;
 mod pin;
 
+pub(crate) use align_2d::PoseAlign2d;
+pub(crate) use descriptor::PoseDescriptor;
 pub(crate) use mesh_pin::MeshPin;
 pub(crate) use pin::PosePin;
 

@@ -1,5 +1,6 @@
 //! Time: streams held, moved and played on other clocks.
 
+mod dtw;
 mod find_holds;
 #[cfg(test)]
 mod graph_tests;
@@ -9,6 +10,7 @@ mod pick;
 mod resample;
 mod retime;
 
+pub(crate) use dtw::RetimeDtw;
 pub(crate) use find_holds::TimeFindHolds;
 pub(crate) use hold::TimeHold;
 pub(crate) use offset::TimeOffset;

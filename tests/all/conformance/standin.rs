@@ -188,6 +188,8 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
         ("path to read", "io.read_amc") if input.name == "skeleton" => texts(&["\"a.asf\"", "\"b.asf\""]),
         ("path to read", "io.read_amc") => texts(&["\"a.amc\"", "\"b.amc\""]),
         ("path to read", "io.read_bvh") => texts(&["\"a.bvh\"", "\"b.bvh\""]),
+        (list, _) if list.starts_with("list of limbs") => texts(&["[(\"a\", \"b\")]", "[(\"b\", \"a\")]"]),
+        (list, _) if list.starts_with("list of chains") => texts(&["[[\"a\", \"b\"]]", "[[\"b\", \"a\"]]"]),
         ("path to read", "io.read_gltf") => texts(&["\"a.gltf\"", "\"b.gltf\""]),
         ("path to read", "io.read_image") => texts(&["\"a.0001.png\"", "\"b.0001.png\""]),
         ("path to read", "io.read_images") => texts(&["\"a.####.png\"", "\"b.####.png\""]),

@@ -1,0 +1,5 @@
+//! Linear spaces.
+
+mod pca;
+
+pub(crate) use pca::{BasisPca, numbers};

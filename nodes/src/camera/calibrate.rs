@@ -1,0 +1,133 @@
+//! `camera.calibrate`: the direction from which capture is most like a drawing.
+//!
+//! **Method** see [`crate::algo::calibrate`]: the time warp between drawings and capture costs least under the right camera; a grid of directions about
+//! the given one, refined by halved steps.
+//!
+//! **Source** Jain, Sheikh, Hodgins 2009, sections 3.1 (the animator's camera, there set by hand) and 3.3 (the cost); Hooke and Jeeves 1961.
+//!
+//! **Fails when** limbs name markers that there are not, or the warp has no path. What a drawing exaggerates pulls the direction with it.
+//!
+//! **Cost** O(directions · drawings · frames of capture · limbs).
+//!
+//! ```ron
+//! "found": (type: "camera.calibrate", target: "@drawn", source: "@captured", camera: "@camera"),
+//! ```
+
+use pegbar_engine::node::{Context, Fault, In, NodeError, Sequence, Whole};
+use pegbar_engine::value::Curve;
+use pegbar_engine::{Node, Outputs};
+
+use crate::algo::calibrate::{Search, Views, enlarged, turned};
+use crate::algo::camera;
+use crate::algo::dtw::{Options, Steps};
+use crate::data::{Camera, Markers2, Markers3};
+use crate::lift::Limbs;
+
+/// Directions of a grid at most.
+const DIRECTIONS: f64 = 100_000.0;
+
+/// The direction from which capture is most like a drawing.
+#[derive(Node)]
+#[node(
+    id = "camera.calibrate",
+    version = 1,
+    kind = whole,
+    outputs = CameraCalibrateOutputs,
+    source = "Jain, Sheikh, Hodgins 2009, sections 3.1 and 3.3; Hooke, Jeeves 1961",
+    example = "\"found\": (type: \"camera.calibrate\", target: \"@drawn\", source: \"@captured\", camera: \"@camera\")"
+)]
+pub(crate) struct CameraCalibrate {
+    /// The drawing's markers.
+    target: Sequence<Markers2>,
+    /// The capture's markers, on any clock.
+    #[input(any_clock)]
+    source: Sequence<Markers3>,
+    /// The camera from which the search sets out: a guess by eye.
+    camera: In<Camera>,
+    /// Limbs by the names of the markers where they begin and end. The eight of the descriptor where nothing is said.
+    #[input(default = [
+        ("left_shoulder", "left_elbow"), ("left_elbow", "left_wrist"), ("right_shoulder", "right_elbow"), ("right_elbow", "right_wrist"),
+        ("left_hip", "left_knee"), ("left_knee", "left_ankle"), ("right_hip", "right_knee"), ("right_knee", "right_ankle"),
+    ])]
+    limbs: Limbs,
+    /// How far the azimuth may be off on either side.
+    #[input(default = 30.0, range = 0.0..=180.0, unit = "°")]
+    azimuth_range_deg: f64,
+    /// How far the elevation may be off on either side. 0 leaves it as it is.
+    #[input(default = 15.0, range = 0.0..=90.0, unit = "°")]
+    elevation_range_deg: f64,
+    /// Between directions of the grid. Small misses no dip of the cost, large is quick.
+    #[input(default = 5.0, range = 0.1..=45.0, unit = "°")]
+    step_deg: f64,
+    /// True where limbs count by how much of their lengths the camera sees.
+    #[input(default = true)]
+    foreshortening: bool,
+    /// True where the capture begins before the drawings do.
+    #[input(default = false)]
+    open_begin: bool,
+    /// True where the capture goes on after the drawings.
+    #[input(default = false)]
+    open_end: bool,
+    /// True also enlarges the picture, so that the capture is as large as it is drawn.
+    #[input(default = false)]
+    fit_scale: bool,
+}
+
+/// The camera.
+#[derive(Outputs)]
+pub(crate) struct CameraCalibrateOutputs {
+    /// It.
+    camera: Camera,
+    /// What was added to the azimuth, degrees.
+    azimuth_deg: Curve,
+    /// What was added to the elevation, degrees.
+    elevation_deg: Curve,
+    /// How much larger the drawings are than the capture as that camera sees it, before `fit_scale`.
+    scale: Curve,
+    /// Mean angle between drawn and captured limbs, radians.
+    cost: Curve,
+    /// The same under the camera that was given.
+    cost_before: Curve,
+}
+
+impl Whole for CameraCalibrate {
+    fn run(self, _cx: &Context) -> Result<CameraCalibrateOutputs, NodeError> {
+        let directions = (2.0 * self.azimuth_range_deg / self.step_deg + 1.0) * (2.0 * self.elevation_range_deg / self.step_deg + 1.0);
+        if directions > DIRECTIONS {
+            let message = format!("expected at most {DIRECTIONS} directions, found {directions}: a larger `step_deg` makes them fewer");
+            return Err(NodeError::new(Fault::Parameters, message));
+        }
+        let given = camera::Camera::try_from(&*self.camera).map_err(|e| NodeError::input(format!("camera: {e}")))?;
+        // Each limb has a place for its two ends, in drawings and capture alike.
+        let limbs: Vec<[usize; 2]> = (0..self.limbs.0.len()).map(|k| [2 * k, 2 * k + 1]).collect();
+        let mut drawn = Vec::with_capacity(self.target.len());
+        for k in 0..self.target.len() {
+            let m = self.target.get(k)?;
+            drawn.push(self.limbs.find(&m.names, "target")?.concat().into_iter().map(|at| m.points[at]).collect::<Vec<_>>());
+        }
+        let mut captured = Vec::with_capacity(self.source.len());
+        for k in 0..self.source.len() {
+            let m = self.source.get(k)?;
+            captured.push(self.limbs.find(&m.names, "source")?.concat().into_iter().map(|at| m.points[at]).collect::<Vec<_>>());
+        }
+        let views = Views { drawn: &drawn, captured: &captured, limbs: &limbs };
+        let search = Search {
+            range_deg: [self.azimuth_range_deg, self.elevation_range_deg],
+            step_deg: self.step_deg,
+            foreshortening: self.foreshortening,
+        };
+        let options = Options { steps: Steps::Symmetric1, open_begin: self.open_begin, open_end: self.open_end, ..Options::default() };
+        let found = views.calibrate(&given, &search, &options).map_err(|e| NodeError::input(e.to_string()))?;
+        let camera = turned(&given, views.middle(), found.turn_deg);
+        let camera = if self.fit_scale { enlarged(&camera, found.scale) } else { camera };
+        let curve = |value: f64| Curve { value };
+        Ok(CameraCalibrateOutputs {
+            camera: Camera::from(&camera),
+            azimuth_deg: curve(found.turn_deg[0]),
+            elevation_deg: curve(found.turn_deg[1]),
+            scale: curve(found.scale),
+            cost: curve(found.cost),
+            cost_before: curve(found.cost_before),
+        })
+    }
+}

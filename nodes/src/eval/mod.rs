@@ -1,0 +1,5 @@
+//! Measures of results against truth.
+
+mod rms;
+
+pub(crate) use rms::EvalRms;

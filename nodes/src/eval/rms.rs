@@ -1,0 +1,173 @@
+//! `eval.rms`: how far one stream is from another.
+//!
+//! **Method** root mean square over frames of each coordinate's difference; their mean and maximum, and that of each frame over its coordinates.
+//!
+//! **Source** Jain, Sheikh, Hodgins 2009, section 4, figure 10 (each coordinate) and table 1 (mean and maximum).
+//!
+//! **Fails when** the streams are of different types, or have different numbers of frames, numbers, or names.
+//!
+//! **Cost** O(frames · numbers).
+//!
+//! ```ron
+//! "error": (type: "eval.rms", values: "@lifted.markers", truth: "@truth", root: "pelvis"),
+//! ```
+
+use pegbar_engine::node::{AnySequence, Context, NodeError, Stream, Whole};
+use pegbar_engine::value::{Curve, ValueRef, Vector, downcast};
+use pegbar_engine::{Node, Outputs};
+
+use crate::basis::numbers;
+use crate::data::{Markers2, Markers3};
+
+/// How far one stream is from another.
+#[derive(Node)]
+#[node(
+    id = "eval.rms",
+    version = 1,
+    kind = whole,
+    outputs = EvalRmsOutputs,
+    source = "Jain, Sheikh, Hodgins 2009, section 4, fig. 10 and table 1",
+    example = "\"error\": (type: \"eval.rms\", values: \"@lifted.markers\", truth: \"@truth\")"
+)]
+pub(crate) struct EvalRms {
+    /// What is measured: markers, vectors, curves, poses, or anything else that is made of numbers.
+    values: AnySequence,
+    /// What it should be.
+    truth: AnySequence,
+    /// The marker that is brought to the same place in both at every frame. Places count as they are where it is left out.
+    #[input(default = None)]
+    root: Option<String>,
+}
+
+/// The errors, in the unit of the values.
+#[derive(Outputs)]
+pub(crate) struct EvalRmsOutputs {
+    /// Of each number, in the order of the values: x, y, z of each marker in turn.
+    rms: Vector,
+    /// Mean of these.
+    mean: Curve,
+    /// Their maximum.
+    max: Curve,
+    /// Of each frame, over its numbers.
+    frames: Stream<Curve>,
+    /// How many pairs of numbers were left out, as one of them is NaN: not seen.
+    missing: Curve,
+}
+
+/// A frame's numbers, those of markers from the root.
+fn row(value: &ValueRef, root: Option<&str>) -> Result<(Vec<f64>, Vec<String>), NodeError> {
+    let from = |names: &[String], points: &dyn Fn(usize) -> Vec<f64>| {
+        let Some(root) = root else { return Ok(Vec::new()) };
+        let at = names.iter().position(|n| n == root);
+        at.map(points).ok_or_else(|| NodeError::input(format!("root: expected a marker, found {root:?}, which is none of them")))
+    };
+    let less = |all: Vec<f64>, origin: Vec<f64>| match origin.len() {
+        0 => all,
+        d => all.chunks_exact(d).flat_map(|p| p.iter().zip(&origin).map(|(a, b)| a - b).collect::<Vec<_>>()).collect(),
+    };
+    if let Some(m) = downcast::<Markers3>(value.clone()) {
+        return Ok((less(m.points.concat(), from(&m.names, &|k| m.points[k].to_vec())?), m.names.clone()));
+    }
+    if let Some(m) = downcast::<Markers2>(value.clone()) {
+        return Ok((less(m.points.concat(), from(&m.names, &|k| m.points[k].to_vec())?), m.names.clone()));
+    }
+    if root.is_some() {
+        return Err(NodeError::input(format!("root: expected markers, found {} values", value.type_name())));
+    }
+    Ok((numbers(value), Vec::new()))
+}
+
+impl Whole for EvalRms {
+    fn run(self, cx: &Context) -> Result<EvalRmsOutputs, NodeError> {
+        let n = self.values.len().max(self.truth.len());
+        let mut sums: Vec<f64> = Vec::new();
+        let mut counts: Vec<usize> = Vec::new();
+        let mut frames = Vec::with_capacity(n);
+        for k in 0..n {
+            cx.check()?;
+            // A single value stands for every frame.
+            let get = |s: &AnySequence| s.get(if s.len() == 1 { 0 } else { k });
+            let (value, truth) = (get(&self.values)?, get(&self.truth)?);
+            let located = |message: String| NodeError::input(format!("frame {}: {message}", cx.clock.first + k as i64));
+            if value.type_name() != truth.type_name() {
+                return Err(located(format!("expected two streams of one type, found {} and {}", value.type_name(), truth.type_name())));
+            }
+            let read =
+                |v: &ValueRef| row(v, self.root.as_deref()).map_err(|e| NodeError { message: located(e.message.clone()).message, ..e });
+            let ((a, names), (b, others)) = (read(&value)?, read(&truth)?);
+            let expected = if sums.is_empty() { b.len() } else { sums.len() };
+            if a.len() != expected || b.len() != expected || names != others {
+                let found = format!("{} and {} in {names:?} and {others:?}", a.len(), b.len());
+                return Err(located(format!("expected {expected} numbers of the same names in both, found {found}")));
+            }
+            sums.resize(expected, 0.0);
+            counts.resize(expected, 0);
+            let squares: Vec<f64> = a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).collect();
+            for ((sum, count), s) in sums.iter_mut().zip(&mut counts).zip(&squares).filter(|(_, s)| !s.is_nan()) {
+                *sum += s;
+                *count += 1;
+            }
+            let seen: Vec<f64> = squares.into_iter().filter(|s| !s.is_nan()).collect();
+            frames.push(Curve { value: (seen.iter().sum::<f64>() / seen.len().max(1) as f64).sqrt() });
+        }
+        while let (true, Some(last)) = (frames.len() < cx.clock.len(), frames.last()) {
+            frames.push(last.clone());
+        }
+        let rms: Vec<f64> = sums.iter().zip(&counts).map(|(s, c)| if *c > 0 { (s / *c as f64).sqrt() } else { f64::NAN }).collect();
+        let known: Vec<f64> = rms.iter().copied().filter(|v| !v.is_nan()).collect();
+        let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+        let missing = counts.iter().map(|c| n - c).sum::<usize>();
+        let curve = |value: f64| Curve { value };
+        Ok(EvalRmsOutputs {
+            mean: curve(mean),
+            max: curve(known.iter().copied().fold(0.0, f64::max)),
+            frames: Stream(frames),
+            missing: curve(missing as f64),
+            rms: Vector { values: rms },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::counted::{clock, counted};
+    use pegbar_engine::node::Cancel;
+
+    fn markers(x: f64) -> Markers3 {
+        Markers3 { points: vec![[x, 0.0, 1.0], [x + 3.0, 4.0, f64::NAN]], names: vec!["a".to_owned(), "b".to_owned()] }
+    }
+
+    fn run(values: AnySequence, truth: AnySequence, root: Option<&str>) -> Result<EvalRmsOutputs, NodeError> {
+        let clock = clock(4);
+        let node = EvalRms { values, truth, root: root.map(str::to_owned) };
+        node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() })
+    }
+
+    #[test]
+    fn errors_are_those_of_each_coordinate() {
+        let found = run(counted(4, |k| markers([3.0, 4.0, -3.0, -4.0][k])).0, counted(4, |_| markers(0.0)).0, None).unwrap();
+        let side = 12.5_f64.sqrt();
+        assert_eq!(found.rms.values[..5], [side, 0.0, 0.0, side, 0.0]);
+        assert!(found.rms.values[5].is_nan());
+        assert_eq!((found.mean.value, found.max.value, found.missing.value), (2.0 * side / 5.0, side, 4.0));
+        assert_eq!(found.frames.0[1].value, (32.0_f64 / 5.0).sqrt());
+    }
+
+    #[test]
+    fn figures_are_brought_together_by_their_roots() {
+        let found = run(counted(4, |k| markers(k as f64)).0, counted(1, |_| markers(0.0)).0, Some("a")).unwrap();
+        assert_eq!((found.max.value, found.rms.values.len()), (0.0, 6));
+        let error = run(counted(4, |_| markers(0.0)).0, counted(4, |_| markers(0.0)).0, Some("c")).err().unwrap();
+        assert_eq!(error.message, "frame 1: root: expected a marker, found \"c\", which is none of them");
+    }
+
+    #[test]
+    fn streams_that_are_not_alike_are_refused() {
+        let vector = |n: usize| Vector { values: vec![0.0; n] };
+        let error = run(counted(4, move |_| vector(2)).0, counted(4, |_| markers(0.0)).0, None).err().unwrap();
+        assert_eq!(error.message, "frame 1: expected two streams of one type, found Vector and Markers3");
+        let error = run(counted(4, move |k| vector(2 + k / 2)).0, counted(4, move |_| vector(2)).0, None).err().unwrap();
+        assert!(error.message.starts_with("frame 3: expected 2 numbers of the same names in both, found 3 and 2"), "{}", error.message);
+    }
+}
