@@ -26,7 +26,7 @@ use crate::keys::{KeysBasis, KeysChoose, KeysDraw, KeysInbetween, KeysPick};
 use crate::lift::LiftLinear;
 use crate::markers::{MarkersFromPose, MarkersProject, MarkersSmooth};
 use crate::matte::{MatteColorClusters, MatteFromImage};
-use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth};
+use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth, MotionWarp};
 use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PosePin};
 use crate::render::{RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
@@ -140,6 +140,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<MotionKeys>()
         .whole::<MotionPin>()
         .whole::<MotionSmooth>()
+        .whole::<MotionWarp>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
         .per_frame::<PoseAlign2d>()

@@ -9,6 +9,7 @@ mod keys;
 mod pin;
 mod smooth;
 pub(crate) mod timing;
+mod warp;
 
 pub(crate) use anticipate::MotionAnticipate;
 pub(crate) use exaggerate::MotionExaggerate;
@@ -16,6 +17,7 @@ pub(crate) use follow_through::MotionFollowThrough;
 pub(crate) use keys::MotionKeys;
 pub(crate) use pin::MotionPin;
 pub(crate) use smooth::MotionSmooth;
+pub(crate) use warp::MotionWarp;
 
 use std::sync::Arc;
 
