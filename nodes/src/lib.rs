@@ -11,6 +11,7 @@ mod counted;
 pub mod data;
 mod drawing;
 mod eval;
+mod field;
 #[cfg(test)]
 mod footage_tests;
 mod image;
@@ -28,8 +29,10 @@ mod retarget;
 mod shape;
 mod skin;
 mod solve;
+mod style;
 mod time;
 mod track;
+mod warp;
 mod weights;
 
 pub use registry::registry;

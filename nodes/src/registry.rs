@@ -8,11 +8,12 @@ use crate::capture::CaptureContour;
 use crate::cel::{CelArt, CelCharacter, CelCharacterPose, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::data::{
-    Affine2, Basis, Camera, Drawing, Image, KeyDrawings, KeyImages, KeyShapes, Markers2, Markers3, Matte, Mesh, MorphTargets, Pose, Shape,
-    Skeleton, SkinnedMesh, WarpPath, Weights,
+    Affine2, Basis, Camera, Correspondences, Drawing, Field2, Field3, Image, KeyDrawings, KeyImages, KeyShapes, Markers2, Markers3, Matte,
+    Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, WarpPath, Weights,
 };
 use crate::drawing::DrawingMerge;
 use crate::eval::EvalRms;
+use crate::field::{FieldLift, FieldPropagate};
 use crate::image::{
     ImageBlur, ImageCheckerboard, ImageCleanPlate, ImageConstant, ImageCrop, ImageFromMatte, ImageGrade, ImageGradient, ImageGrain,
     ImageInvert, ImagePremultiply, ImageResize, ImageSharpen, ImageShuffle, ImageStatistics, ImageTransform, ImageUnpremultiply,
@@ -34,8 +35,10 @@ use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, Reta
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
 use crate::skin::SkinLinearBlend;
 use crate::solve::SolveKeyWeights;
+use crate::style::StyleAssemble;
 use crate::time::{RetimeApply, RetimeDtw, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::{TrackAffine, TrackEigen};
+use crate::warp::WarpLayered;
 use crate::weights::WeightsKeys;
 
 /// Every node type and value type that Pegbar comes with.
@@ -49,7 +52,10 @@ fn types(registry: Registry) -> Registry {
         .value::<Affine2>()
         .value::<Basis>()
         .value::<Camera>()
+        .value::<Correspondences>()
         .value::<Drawing>()
+        .value::<Field2>()
+        .value::<Field3>()
         .value::<Image>()
         .value::<KeyDrawings>()
         .value::<KeyImages>()
@@ -85,6 +91,8 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<CompOver>()
         .per_frame::<DrawingMerge>()
         .whole::<EvalRms>()
+        .per_frame::<FieldLift>()
+        .per_frame::<FieldPropagate>()
         .per_frame::<ImageBlur>()
         .per_frame::<ImageCheckerboard>()
         .whole::<ImageCleanPlate>()
@@ -163,6 +171,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<ShapeTrace>()
         .recurrent::<SkinLinearBlend>()
         .whole::<SolveKeyWeights>()
+        .per_frame::<StyleAssemble>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()
         .per_frame::<TimeOffset>()
@@ -170,5 +179,6 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<TimeResample>()
         .recurrent::<TrackAffine>()
         .recurrent::<TrackEigen>()
+        .per_frame::<WarpLayered>()
         .per_frame::<WeightsKeys>()
 }

@@ -133,9 +133,8 @@ impl Kind {
 
     fn offset(self, from: &Joint, to: &Joint) -> Offset {
         let rotation = log(&(from.rotation.inverse() * near(&to.rotation, &from.rotation)));
-        let scale = Vector3::from_fn(|k, _| {
-            if self.is_positive[k] { libm::log(to.scale[k] / from.scale[k]) } else { to.scale[k] - from.scale[k] }
-        });
+        let scale =
+            Vector3::from_fn(|k, _| if self.is_positive[k] { libm::log(to.scale[k] / from.scale[k]) } else { to.scale[k] - from.scale[k] });
         let (a, b) = (from.translation, to.translation);
         if !self.is_bone {
             return Offset { rotation, scale, turn: b - a, length: 0.0 };
@@ -144,11 +143,13 @@ impl Kind {
     }
 
     fn displaced(self, joint: &Joint, by: &Offset) -> Joint {
-        let scale = Vector3::from_fn(|k, _| {
-            if self.is_positive[k] { joint.scale[k] * libm::exp(by.scale[k]) } else { joint.scale[k] + by.scale[k] }
-        });
-        let translation =
-            if self.is_bone { exp(&by.turn) * joint.translation * libm::exp(by.length) } else { joint.translation + by.turn };
+        let scale =
+            Vector3::from_fn(
+                |k, _| {
+                    if self.is_positive[k] { joint.scale[k] * libm::exp(by.scale[k]) } else { joint.scale[k] + by.scale[k] }
+                },
+            );
+        let translation = if self.is_bone { exp(&by.turn) * joint.translation * libm::exp(by.length) } else { joint.translation + by.turn };
         Joint { translation, rotation: joint.rotation * exp(&by.rotation), scale }
     }
 }

@@ -148,12 +148,8 @@ impl Edit {
             let numbers = c.rotate_deg.iter().chain(&c.translate).chain(&c.scale).chain([&c.length]);
             !(numbers.copied().all(f64::is_finite) && c.length > 0.0 && c.scale.iter().all(|s| *s > 0.0))
         };
-        let message = |c: &Change| {
-            format!(
-                "edit {at}, joint {:?}: expected finite numbers, and a length and a scale above 0, found {c:?}",
-                c.joint
-            )
-        };
+        let message =
+            |c: &Change| format!("edit {at}, joint {:?}: expected finite numbers, and a length and a scale above 0, found {c:?}", c.joint);
         self.joints.iter().find(wrong).map(message)
     }
 

@@ -84,7 +84,7 @@ fn made(mesh: &SkinnedMesh, rest: &Mesh) -> Result<Skin, NodeError> {
 }
 
 /// World from mesh at rest, for each joint.
-fn motions(skeleton: &Skeleton, pose: &Pose, mesh: &SkinnedMesh) -> Result<Vec<nalgebra::Matrix4<f64>>, NodeError> {
+pub(crate) fn motions(skeleton: &Skeleton, pose: &Pose, mesh: &SkinnedMesh) -> Result<Vec<nalgebra::Matrix4<f64>>, NodeError> {
     let (own, posed, bound) = (skeleton.n_joints(), pose.n_joints(), mesh.n_joints());
     if own != posed || own != bound {
         let message = format!("expected as many joints in the pose and the mesh as in the skeleton, {own}, found {posed} and {bound}");

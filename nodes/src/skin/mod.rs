@@ -2,4 +2,4 @@
 
 mod linear_blend;
 
-pub(crate) use linear_blend::{SkinLinearBlend, morph};
+pub(crate) use linear_blend::{SkinLinearBlend, morph, motions};

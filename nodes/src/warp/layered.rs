@@ -1,0 +1,165 @@
+//! `warp.layered`: a posed mesh warped in the picture such that it comes to where it is drawn.
+//!
+//! **Method** each bone has a free-form deformation of its own, fitted to the correspondences that it moves ([`crate::algo::layered_warp`],
+//! [`crate::algo::mffd`]): levels of cubic B-splines one after another, each of which folds nowhere. Vertices go with the mean of their bones' layers,
+//! by skin weights, so that limbs that cover each other in the picture move by themselves. Or the displacements are spread over the surface
+//! ([`crate::algo::surface_field`]), which knows no picture at all.
+//!
+//! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, sections 3.3 and 3.4; Lee, Chwa, Hahn, Shin 1995; Choi, Lee 2000.
+//!
+//! **Fails when** mesh, skeleton and pose do not go together; a pair names a vertex that there is not, or lies behind the camera. What cannot be met without a
+//! fold is left in `residual`. Blended layers may still fold a surface: `folds` says where.
+//!
+//! **Cost** O(bones · (pairs + vertices) · levels); over the surface as a sparse factorisation.
+//!
+//! ```ron
+//! "field": (
+//!     type: "warp.layered", correspondences: "@pairs", mesh: "@ant.mesh", skeleton: "@ant.skeleton", pose: "@ant.pose", camera: "@camera",
+//! ),
+//! ```
+
+use pegbar_engine::node::{Context, In, NodeError, PerFrame};
+use pegbar_engine::value::{Curve, Vector};
+use pegbar_engine::{Node, Outputs, Setting};
+
+use crate::algo::camera::Camera as Viewed;
+use crate::algo::layered_warp::{Layered, Layering, Missing, Pair, Posed, folds, layered, places, projected, residuals};
+use crate::algo::mffd::{Combine, Options};
+use crate::algo::skin::Skin;
+use crate::algo::surface_field::{Smooth, spread};
+use crate::data::{Camera, Correspondences, Field2, Pose, Skeleton, SkinnedMesh};
+use crate::skin::motions;
+
+/// What displacements are spread over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Setting)]
+pub(crate) enum Over {
+    /// The picture, in a layer for each bone.
+    Layers,
+    /// The picture, all bones alike: what covers a drawn part goes with it.
+    Picture,
+    /// The surface, settled like heat: steep where it must be, and level beyond.
+    Harmonic,
+    /// The surface, as little bent as may be.
+    Biharmonic,
+}
+
+/// A posed mesh warped in the picture such that it comes to where it is drawn.
+#[derive(Node)]
+#[node(
+    id = "warp.layered",
+    version = 1,
+    outputs = WarpLayeredOutputs,
+    source = "Li, Gleicher, Xu, Shum 2003, sections 3.3-3.4; Lee, Chwa, Hahn, Shin 1995; Choi, Lee 2000",
+    example = "\"field\": (type: \"warp.layered\", correspondences: \"@pairs\", mesh: \"@ant.mesh\", skeleton: \"@ant.skeleton\", pose: \"@ant.pose\", camera: \"@camera\")"
+)]
+pub(crate) struct WarpLayered {
+    /// Places of the mesh, and where they are drawn.
+    pub(super) correspondences: In<Correspondences>,
+    /// The surface at rest, and what binds it.
+    pub(super) mesh: In<SkinnedMesh>,
+    /// Its joints.
+    pub(super) skeleton: In<Skeleton>,
+    /// What they do where it is drawn.
+    pub(super) pose: In<Pose>,
+    /// Who sees it.
+    pub(super) camera: In<Camera>,
+    /// What the displacements are spread over.
+    #[input(default = layers)]
+    pub(super) over: Over,
+    /// What a bone does that moves no correspondence.
+    #[input(default = parent)]
+    pub(super) missing: Missing,
+    /// How much a bone must move a correspondence for it to count in the bone's layer: 0 lets the least weight pull, 1 only what the bone moves alone.
+    #[input(default = 0.05, range = 0.0..=1.0)]
+    pub(super) least_weight: f64,
+    /// Cells of the first level across the longer side of the picture; each level has twice as many. 1 moves all alike, many keep what is moved close by.
+    #[input(default = 4, range = 1..=1024)]
+    pub(super) cells: u32,
+    /// Levels at most. Few leave what is drawn in detail in the residual.
+    #[input(default = 10, range = 1..=16)]
+    pub(super) levels: u32,
+    /// How often a level is composed whose moves had to be cut short so that nothing folds.
+    #[input(default = 8, range = 1..=100)]
+    pub(super) repeats: u32,
+    /// Distance at which a place is where it is drawn.
+    #[input(default = 0.000001, range = 0.0..=1000.0, unit = "px")]
+    pub(super) tolerance: f64,
+    /// Levels that are composed fold nowhere; levels that are added up (Lee, Wolberg, Shin 1997) come nearer, and fold.
+    #[input(default = composed)]
+    pub(super) combine: Combine,
+}
+
+/// The warp, and how well it went.
+#[derive(Outputs)]
+pub(crate) struct WarpLayeredOutputs {
+    /// How far each vertex is moved.
+    pub(super) field: Field2,
+    /// How far each correspondence is from where it is drawn after that, pixels.
+    pub(super) residual: Vector,
+    /// The least growth of an area by any layer: the smallest determinant of its derivative, above 0 where nothing folds; 1 over the surface.
+    pub(super) least_growth: Curve,
+    /// Triangles that turn over in the picture, by their numbers.
+    pub(super) folds: Vector,
+}
+
+fn refused(error: impl std::fmt::Display) -> NodeError {
+    NodeError::input(error.to_string())
+}
+
+impl WarpLayered {
+    /// The mesh as it stands in the world.
+    fn posed(&self) -> Result<Vec<[f64; 3]>, NodeError> {
+        let mesh = &self.mesh;
+        let motions = motions(&self.skeleton, &self.pose, mesh)?;
+        let skin = Skin::new(&mesh.positions, &[], mesh.joints.shape()[1], mesh.joints.data(), mesh.weights.data(), mesh.n_joints());
+        let moved = skin.map_err(|e| NodeError::input(format!("mesh: {e}")))?.pose(&motions, false);
+        Ok(moved.map_err(|e| NodeError::input(format!("pose: {e}")))?.0)
+    }
+
+    fn how(&self) -> Layering {
+        let (levels, repeats) = (self.levels as usize, self.repeats as usize);
+        let fit = Options { combine: self.combine, cells: [1, 1], levels, repeats, tolerance: self.tolerance };
+        let layers = self.over == Over::Layers;
+        Layering { layers, missing: self.missing, least_weight: self.least_weight, cells: self.cells as usize, fit }
+    }
+
+    fn over_surface(&self, positions: &[[f64; 3]], pairs: &[Pair], camera: &Viewed, smooth: Smooth) -> Result<Layered, NodeError> {
+        let from = places(pairs, positions, camera).map_err(refused)?;
+        let by: Vec<_> = pairs.iter().zip(&from).map(|(p, f)| [p.point[0] - f[0], p.point[1] - f[1]]).collect();
+        let field = spread(positions, &self.mesh.triangles, pairs, &by, smooth).map_err(refused)?;
+        let residuals = residuals(pairs, &from, &field);
+        let folds = folds(&projected(positions, camera), &field, &self.mesh.triangles);
+        Ok(Layered { field, residuals, growth: 1.0, folds })
+    }
+}
+
+impl PerFrame for WarpLayered {
+    fn run(self, _cx: &Context) -> Result<WarpLayeredOutputs, NodeError> {
+        let camera = Viewed::try_from(&*self.camera).map_err(|e| NodeError::input(format!("camera: {e}")))?;
+        let positions = self.posed()?;
+        let (mesh, given) = (&self.mesh, &self.correspondences);
+        let pair = |k: usize| Pair { edge: given.edges[k], share: given.shares[k], point: given.points[k], weight: given.weight(k) };
+        let pairs: Vec<Pair> = (0..given.len()).map(pair).collect();
+        let found = match self.over {
+            Over::Harmonic => self.over_surface(&positions, &pairs, &camera, Smooth::Harmonic)?,
+            Over::Biharmonic => self.over_surface(&positions, &pairs, &camera, Smooth::Biharmonic)?,
+            Over::Layers | Over::Picture => {
+                let posed = Posed {
+                    positions: &positions,
+                    triangles: &mesh.triangles,
+                    influences: mesh.joints.shape()[1],
+                    joints: mesh.joints.data(),
+                    weights: mesh.weights.data(),
+                    parents: &self.skeleton.parents,
+                };
+                layered(&posed, &pairs, &camera, &self.how()).map_err(refused)?
+            }
+        };
+        Ok(WarpLayeredOutputs {
+            field: Field2 { vectors: found.field },
+            residual: Vector { values: found.residuals },
+            least_growth: Curve { value: found.growth },
+            folds: Vector { values: found.folds.iter().map(|t| *t as f64).collect() },
+        })
+    }
+}

@@ -1,0 +1,5 @@
+//! Meshes warped in the picture.
+
+mod layered;
+
+pub(crate) use layered::WarpLayered;
