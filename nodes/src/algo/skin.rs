@@ -89,11 +89,11 @@ impl Skin {
         let mut positions = vec![[0.0; 3]; self.positions.len()];
         let mut normals = vec![[0.0; 3]; self.normals.len()];
         if narrow {
-            let rows: Vec<[f32; 12]> = rows.map(|r: [f64; 12]| r.map(|v| v as f32)).collect();
+            let rows: Vec<[[f32; 4]; 4]> = rows.map(|r: [f64; 12]| columns(r.map(|v| v as f32))).collect();
             let own = &self.narrow;
             blend_f32(&rows, self.influences, &self.joints, &own.weights, [&own.positions, &own.normals], [&mut positions, &mut normals]);
         } else {
-            let rows: Vec<[f64; 12]> = rows.collect();
+            let rows: Vec<[[f64; 4]; 4]> = rows.map(columns).collect();
             let from = [&self.positions[..], &self.normals[..]];
             blend_f64(&rows, self.influences, &self.joints, &self.weights, from, [&mut positions, &mut normals]);
         }
@@ -119,51 +119,86 @@ fn normalise(vertex: usize, joints: &mut [u32], weights: &mut [f64], n_joints: u
     Ok(())
 }
 
+/// Vertices whose places are kept as lanes until they are written.
+const BLOCK: usize = 32;
+
+/// Columns of a motion, x, y, z and a lane to spare.
+fn columns<T: Copy + Default>(rows: [T; 12]) -> [[T; 4]; 4] {
+    std::array::from_fn(|c| std::array::from_fn(|r| if r < 3 { rows[4 * r + c] } else { T::default() }))
+}
+
 macro_rules! blend {
-    ($name:ident, $t:ty) => {
+    ($name:ident, $own:ident, $turn:ident, $t:ty) => {
         /// Blends the joints' motions at each vertex and moves it; no multiply-add is fused and no sum reordered, so the bits are the same everywhere.
         #[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
         fn $name(
-            motions: &[[$t; 12]],
+            motions: &[[[$t; 4]; 4]],
             influences: usize,
             joints: &[u32],
             weights: &[$t],
+            from: [&[[$t; 3]]; 2],
+            to: [&mut [[f64; 3]]; 2],
+        ) {
+            // Of numbers that are known beforehand the blend is a run of lanes without a loop.
+            match (influences, from[1].is_empty()) {
+                (4, true) => $own::<_, _, false>(motions, joints.as_chunks::<4>().0.iter().zip(weights.as_chunks::<4>().0), from, to),
+                (4, false) => $own::<_, _, true>(motions, joints.as_chunks::<4>().0.iter().zip(weights.as_chunks::<4>().0), from, to),
+                (n, _) => $own::<_, _, true>(motions, joints.chunks_exact(n).zip(weights.chunks_exact(n)), from, to),
+            }
+        }
+
+        #[inline(always)]
+        fn $own<'a, J: AsRef<[u32]> + ?Sized + 'a, W: AsRef<[$t]> + ?Sized + 'a, const TURN: bool>(
+            motions: &[[[$t; 4]; 4]],
+            mut bound: impl Iterator<Item = (&'a J, &'a W)>,
             [positions, normals]: [&[[$t; 3]]; 2],
             [moved, turned]: [&mut [[f64; 3]]; 2],
         ) {
-            let bound = joints.chunks_exact(influences).zip(weights.chunks_exact(influences));
-            for (v, ((joints, weights), (p, out))) in bound.zip(positions.iter().zip(moved)).enumerate() {
-                let mut m = [0.0; 12];
-                for (j, w) in joints.iter().zip(weights) {
-                    let motion = &motions[*j as usize];
-                    for i in 0..12 {
-                        m[i] += w * motion[i];
+            for (block, (positions, moved)) in positions.chunks(BLOCK).zip(moved.chunks_mut(BLOCK)).enumerate() {
+                let mut lanes = [[0.0; 4]; BLOCK];
+                for (n, (p, at)) in positions.iter().zip(&mut lanes).enumerate() {
+                    let Some((joints, weights)) = bound.next() else { return };
+                    let mut m = [[0.0; 4]; 4];
+                    for (j, w) in joints.as_ref().iter().zip(weights.as_ref()) {
+                        let motion = &motions[*j as usize];
+                        for c in 0..4 {
+                            for r in 0..4 {
+                                m[c][r] += w * motion[c][r];
+                            }
+                        }
+                    }
+                    for r in 0..4 {
+                        at[r] = m[0][r] * p[0] + m[1][r] * p[1] + m[2][r] * p[2] + m[3][r];
+                    }
+                    if TURN && let Some(normal) = normals.get(block * BLOCK + n) {
+                        turned[block * BLOCK + n] = $turn(&m, *normal);
                     }
                 }
-                for r in 0..3 {
-                    out[r] = (m[4 * r] * p[0] + m[4 * r + 1] * p[1] + m[4 * r + 2] * p[2] + m[4 * r + 3]) as f64;
-                }
-                if let (Some(n), Some(out)) = (normals.get(v), turned.get_mut(v)) {
-                    // The cofactors are the inverse transpose times the determinant, and are there where the matrix has no inverse too.
-                    let (a, b, c) = ([m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]);
-                    let cross = |a: [$t; 3], b: [$t; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-                    let (x, y, z) = (cross(b, c), cross(c, a), cross(a, b));
-                    let dot = |a: [$t; 3], b: [$t; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-                    let turned = [dot(x, *n), dot(y, *n), dot(z, *n)];
-                    let length = dot(turned, turned).sqrt();
-                    let side = if dot(a, x) < 0.0 { -1.0 } else { 1.0 };
-                    let over = if length > 0.0 && length.is_finite() { side / length } else { 0.0 };
-                    for r in 0..3 {
-                        out[r] = if over == 0.0 { n[r] as f64 } else { (turned[r] * over) as f64 };
-                    }
+                for (at, out) in lanes.iter().zip(moved) {
+                    *out = [at[0] as f64, at[1] as f64, at[2] as f64];
                 }
             }
+        }
+
+        /// A normal under the inverse transpose of a motion of three columns.
+        #[inline(always)]
+        fn $turn(m: &[[$t; 4]; 4], n: [$t; 3]) -> [f64; 3] {
+            // The cofactors are the inverse transpose times the determinant, and are there where the matrix has no inverse too.
+            let (a, b, c) = ([m[0][0], m[1][0], m[2][0]], [m[0][1], m[1][1], m[2][1]], [m[0][2], m[1][2], m[2][2]]);
+            let cross = |a: [$t; 3], b: [$t; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+            let (x, y, z) = (cross(b, c), cross(c, a), cross(a, b));
+            let dot = |a: [$t; 3], b: [$t; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+            let turned = [dot(x, n), dot(y, n), dot(z, n)];
+            let length = dot(turned, turned).sqrt();
+            let side = if dot(a, x) < 0.0 { -1.0 } else { 1.0 };
+            let over = if length > 0.0 && length.is_finite() { side / length } else { 0.0 };
+            [0, 1, 2].map(|r| if over == 0.0 { n[r] as f64 } else { (turned[r] * over) as f64 })
         }
     };
 }
 
-blend!(blend_f32, f32);
-blend!(blend_f64, f64);
+blend!(blend_f32, own_f32, turn_f32, f32);
+blend!(blend_f64, own_f64, turn_f64, f64);
 
 #[cfg(test)]
 mod tests {
