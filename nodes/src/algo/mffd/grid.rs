@@ -73,33 +73,28 @@ fn draw(levels: &[Open], is_composed: bool, start: [f64; 2], at: &mut [Vec<f64>;
         let last = level.size.map(|n| (n - 4) as f64);
         let width = level.size[0] as i32;
         let rows = [0, 1, 2, 3].map(|l| &level.moves[2 * l * level.size[0]..]);
+        let start_y = at_y.first().copied().unwrap_or(0.0);
+        let at_y_is_straight = at_y.iter().all(|y| *y == start_y);
         let chunks = at_x.as_chunks_mut::<LANES>().0.iter_mut().zip(at_y.as_chunks_mut::<LANES>().0);
         let sums = by_x.as_chunks_mut::<LANES>().0.iter_mut().zip(by_y.as_chunks_mut::<LANES>().0);
+        // A row that is still straight has one line of control points, blended once.
+        let row = at_y_is_straight.then(|| straight(&rows, level, start_y));
         for ((x, y), (sum_x, sum_y)) in chunks.zip(sums) {
             let (i, s) = split(x, level.origin[0], level.inverse[0], last[0]);
-            let (j, t) = split(y, level.origin[1], level.inverse[1], last[1]);
-            let (b, c) = (basis(&s), basis(&t));
-            let cell: [i32; LANES] = std::array::from_fn(|n| j[n] * width + i[n]);
-            let (mut dx, mut dy) = ([0.0f32; LANES], [0.0f32; LANES]);
-            let mut is_done = [false; LANES];
-            // Neighbours lie in one cell, or in a few: each is evaluated for all of them and taken by those that lie in it.
-            for first in 0..LANES {
-                if is_done[first] {
-                    continue;
+            let b = basis(&s);
+            let (dx, dy) = match &row {
+                Some(row) => cells(&i, |own| Some(line(&b, row.get(2 * own as usize..)?.first_chunk::<8>()?))),
+                None => {
+                    let (j, t) = split(y, level.origin[1], level.inverse[1], last[1]);
+                    let c = basis(&t);
+                    let cell: [i32; LANES] = std::array::from_fn(|n| j[n] * width + i[n]);
+                    cells(&cell, |own| {
+                        let block = rows.map(|row| row.get(2 * own as usize..).and_then(|r| r.first_chunk::<8>()));
+                        let [Some(r0), Some(r1), Some(r2), Some(r3)] = block else { return None };
+                        Some(spline(&b, &c, &[*r0, *r1, *r2, *r3]))
+                    })
                 }
-                let own = cell[first];
-                let block = rows.map(|row| row.get(2 * own as usize..).and_then(|r| r.first_chunk::<8>()));
-                let [Some(r0), Some(r1), Some(r2), Some(r3)] = block else { continue };
-                for n in 0..LANES {
-                    let line = |r: &[f32; 8], k: usize| (b[0][n] * r[k] + b[1][n] * r[2 + k]) + (b[2][n] * r[4 + k] + b[3][n] * r[6 + k]);
-                    let sum = |k: usize| (c[0][n] * line(r0, k) + c[1][n] * line(r1, k)) + (c[2][n] * line(r2, k) + c[3][n] * line(r3, k));
-                    let (x, y) = (sum(0), sum(1));
-                    let is_own = cell[n] == own;
-                    dx[n] = if is_own { x } else { dx[n] };
-                    dy[n] = if is_own { y } else { dy[n] };
-                    is_done[n] |= is_own;
-                }
-            }
+            };
             for n in 0..LANES {
                 let (dx, dy) = (f64::from(dx[n]), f64::from(dy[n]));
                 sum_x[n] += dx;
@@ -111,6 +106,66 @@ fn draw(levels: &[Open], is_composed: bool, start: [f64; 2], at: &mut [Vec<f64>;
             }
         }
     }
+}
+
+/// What lanes find in their cells. Neighbours lie in one, or in a few: each is evaluated for all lanes and taken by those that lie in it.
+#[inline(always)]
+fn cells(cell: &[i32; LANES], mut of: impl FnMut(i32) -> Option<([f32; LANES], [f32; LANES])>) -> ([f32; LANES], [f32; LANES]) {
+    if cell.iter().fold(0, |all, c| all | (c ^ cell[0])) == 0 {
+        return of(cell[0]).unwrap_or(([0.0; LANES], [0.0; LANES]));
+    }
+    let (mut dx, mut dy) = ([0.0f32; LANES], [0.0f32; LANES]);
+    let mut is_done = [false; LANES];
+    for first in 0..LANES {
+        if is_done[first] {
+            continue;
+        }
+        let Some((x, y)) = of(cell[first]) else { continue };
+        for n in 0..LANES {
+            let is_own = cell[n] == cell[first];
+            dx[n] = if is_own { x[n] } else { dx[n] };
+            dy[n] = if is_own { y[n] } else { dy[n] };
+            is_done[n] |= is_own;
+        }
+    }
+    (dx, dy)
+}
+
+/// The line of control points of a straight row of samples, x and y by turns.
+#[inline(always)]
+fn straight(rows: &[&[f32]; 4], level: &Open, y: f64) -> Vec<f32> {
+    let (j, t) = split(&[y; LANES], level.origin[1], level.inverse[1], (level.size[1] - 4) as f64);
+    let c = basis(&t).map(|c| c[0]);
+    let from = 2 * j[0] as usize * level.size[0];
+    let [r0, r1, r2, r3] = rows.map(|r| r.get(from..from + 2 * level.size[0]).unwrap_or_default());
+    let pairs = r0.iter().zip(r1).zip(r2.iter().zip(r3));
+    pairs.map(|((a, b), (d, e))| (c[0] * a + c[1] * b) + (c[2] * d + c[3] * e)).collect()
+}
+
+/// The moves of a cell of a line at all lanes.
+#[inline(always)]
+fn line(b: &[[f32; LANES]; 4], r: &[f32; 8]) -> ([f32; LANES], [f32; LANES]) {
+    let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+    let r = *r;
+    for n in 0..LANES {
+        x[n] = (b[0][n] * r[0] + b[1][n] * r[2]) + (b[2][n] * r[4] + b[3][n] * r[6]);
+        y[n] = (b[0][n] * r[1] + b[1][n] * r[3]) + (b[2][n] * r[5] + b[3][n] * r[7]);
+    }
+    (x, y)
+}
+
+/// The moves of one cell at all lanes: rows of its control points, x and y by turns.
+#[inline(always)]
+fn spline(b: &[[f32; LANES]; 4], c: &[[f32; LANES]; 4], rows: &[[f32; 8]; 4]) -> ([f32; LANES], [f32; LANES]) {
+    let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+    let [r0, r1, r2, r3] = rows;
+    for n in 0..LANES {
+        let line = |r: &[f32; 8], k: usize| (b[0][n] * r[k] + b[1][n] * r[2 + k]) + (b[2][n] * r[4 + k] + b[3][n] * r[6 + k]);
+        let sum = |k: usize| (c[0][n] * line(r0, k) + c[1][n] * line(r1, k)) + (c[2][n] * line(r2, k) + c[3][n] * line(r3, k));
+        x[n] = sum(0);
+        y[n] = sum(1);
+    }
+    (x, y)
 }
 
 /// Cells and shares of places; beyond the lattice the outermost cells, where nothing moves.
