@@ -335,7 +335,7 @@ mod tests {
         let bone = |at: [f64; 3]| joint([0.0; 3], at, [1.0; 3]);
         for (a, b) in [([0.0, 2.0, 0.0], [0.0, -1.0, 0.0]), ([0.0; 3], [1.0, 0.0, 0.0]), ([1.0, 0.0, 0.0], [0.0; 3])] {
             let pair = (vec![bone([0.0; 3]), bone(a)], vec![bone([0.0; 3]), bone(b)]);
-            let warp = MotionWarp::new(&[-1, 0], Spans::new(vec![span(5.0, 2.0, 2.0)], true).unwrap(), &[pair.clone()]);
+            let warp = MotionWarp::new(&[-1, 0], Spans::new(vec![span(5.0, 2.0, 2.0)], true).unwrap(), std::slice::from_ref(&pair));
             assert!(apart(&warp.warp(5.0, &pair.0), &pair.1) < 1e-12, "{a:?} {b:?}");
         }
     }
