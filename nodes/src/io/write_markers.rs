@@ -55,7 +55,7 @@ impl Whole for IoWriteMarkers {
 
     fn run(self, cx: &Context) -> Result<(), NodeError> {
         let first = self.markers.clock().map_or(cx.clock.first, |c| c.first);
-        let (mut names, mut frames): (Vec<String>, Vec<(i64, Vec<[f64; 2]>)>) = (Vec::new(), Vec::new());
+        let (mut names, mut frames) = (Vec::new(), Vec::new());
         for k in 0..self.markers.len() {
             cx.check()?;
             let (frame, markers) = (first + k as i64, self.markers.get(k)?);

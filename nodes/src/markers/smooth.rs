@@ -14,6 +14,7 @@
 //! "steady": (type: "markers.smooth", markers: "@marked", window: 5),
 //! ```
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use pegbar_engine::node::{AnySequence, AnyStream, Context, In, NodeError, Whole};
@@ -102,6 +103,15 @@ macro_rules! rows {
 rows!(Markers2);
 rows!(Markers3);
 
+/// The drawings of a sequence of frames.
+struct Drawings {
+    holds: Holds,
+    /// Those that are smoothed together.
+    parts: Vec<Range<usize>>,
+    /// Those that stay as they are.
+    fixed: Vec<bool>,
+}
+
 impl MarkersSmooth {
     fn smoothed<T: Rows>(&self, values: &[ValueRef], cx: &Context) -> Result<Vec<ValueRef>, NodeError> {
         let first = cx.clock.first;
@@ -125,8 +135,7 @@ impl MarkersSmooth {
         Ok(frames.iter().zip(&found).map(|(f, row)| Arc::new(f.with(row)) as ValueRef).collect())
     }
 
-    /// The drawings, the parts of them that are smoothed by themselves, and those that stay.
-    fn drawings(&self, rows: &[Vec<f64>], first: i64) -> Result<(Holds, Vec<std::ops::Range<usize>>, Vec<bool>), NodeError> {
+    fn drawings(&self, rows: &[Vec<f64>], first: i64) -> Result<Drawings, NodeError> {
         let n = rows.len();
         let holds = match self.holds.as_deref() {
             Some(map) if map.source_frames.len() == n => Holds::of(&map.source_frames),
@@ -152,11 +161,11 @@ impl MarkersSmooth {
         let fixed: Vec<bool> = (0..m).map(|d| length(d) >= self.hold as usize).collect();
         let long: Vec<usize> = (0..m).filter(|&d| fixed[d]).collect();
         let parts = parts(m, &cuts, &long);
-        Ok((holds, parts, fixed))
+        Ok(Drawings { holds, parts, fixed })
     }
 
     fn filtered(&self, rows: &[Vec<f64>], first: i64) -> Result<Vec<Vec<f64>>, NodeError> {
-        let (holds, parts, fixed) = self.drawings(rows, first)?;
+        let Drawings { holds, parts, fixed } = self.drawings(rows, first)?;
         let smooth = Smooth { window: self.window, filter: self.filter, degree: self.degree as usize };
         let mut found = rows.to_vec();
         for i in 0..rows.first().map_or(0, Vec::len) {

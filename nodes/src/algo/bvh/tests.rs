@@ -276,7 +276,8 @@ fn what_cannot_be_written_is_refused() {
 }
 
 /// File, joints, frames, a frame from 0, and the sum of all joints' places there, the k-th of the file k times: forward kinematics in NumPy 2, written from
-/// the format's description, with 4 by 4 matrices.
+/// the format's description, with 4 by 4 matrices. bvhio 1.5.4 reads all of them within 2.5e-7 of their size of those figures, and Blender 4.2.23 the files that
+/// are written here within 3.3e-7: both compute in 32 bits.
 const TAKES: [(&str, usize, usize, usize, [f64; 3]); 18] = [
     ("ad_dab.bvh", 34, 339, 113, [-4751.063624861158, 1862.7095424088234, 11268.869604302723]),
     ("ad_dab.bvh", 34, 339, 338, [-3261.87717771692, 1087.9933364585386, 11731.89893238519]),
