@@ -49,13 +49,14 @@ impl Playback {
     pub(super) fn play(
         &self,
         cx: &Context,
+        path: &Path,
         (n, fps): (usize, f64),
         space: &Space,
         pose: impl Fn(usize) -> Vec<Joint>,
     ) -> Result<Played, NodeError> {
         let left = n.saturating_sub(self.skip as usize);
         if left == 0 {
-            let message = format!("expected `skip` below {n}, the number of the file's frames, found {}", self.skip);
+            let message = format!("{}: expected `skip` below {n}, the number of the file's frames, found {}", path.display(), self.skip);
             return Err(NodeError::new(Fault::Parameters, message));
         }
         let last = (left - 1) as f64;

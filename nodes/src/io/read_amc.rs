@@ -89,7 +89,7 @@ impl Whole for IoReadAmc {
         let motion = read_amc(&text(&path)?, &asf).map_err(|e| refused(&path, e))?;
         let space = Space::new(self.up, self.scale);
         let playback = Playback { skip: self.skip, start: self.start, speed: self.speed, end: self.end };
-        let played = playback.play(cx, (motion.n_frames, self.fps), &space, |k| asf.pose(&motion, k))?;
+        let played = playback.play(cx, &path, (motion.n_frames, self.fps), &space, |k| asf.pose(&motion, k))?;
         let (parents, names) = asf.joints();
         let skeleton = skeleton(parents, &asf.rest(), names, &space)?;
         Ok(IoReadAmcOutputs { skeleton, pose: played.pose, duration: played.duration })

@@ -105,7 +105,7 @@ impl Whole for IoReadBvh {
         let space = Space::new(self.up, self.scale);
         let playback = Playback { skip: self.skip, start: self.start, speed: self.speed, end: self.end };
         let added = self.positions == Positions::Added;
-        let played = playback.play(cx, (file.n_frames, self.fps.unwrap_or(file.fps)), &space, |k| file.pose(k, added))?;
+        let played = playback.play(cx, &path, (file.n_frames, self.fps.unwrap_or(file.fps)), &space, |k| file.pose(k, added))?;
         let parents = file.joints.iter().map(|j| j.parent.map_or(-1, |p| p as i64)).collect();
         let names = file.joints.iter().map(|j| j.name.clone()).collect();
         let skeleton = skeleton(parents, &file.rest(), names, &space)?;
