@@ -29,7 +29,7 @@ use crate::markers::{MarkersFromPose, MarkersProject, MarkersSmooth};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth, MotionWarp};
 use crate::plot::{PlotCurves, PlotPlayhead};
-use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PosePin};
+use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseJointAngles, PosePin, PoseProcrustes};
 use crate::render::{RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, RetargetMeshes, RetargetShapes};
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
@@ -153,7 +153,9 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<PlotPlayhead>()
         .per_frame::<PoseAlign2d>()
         .per_frame::<PoseDescriptor>()
+        .per_frame::<PoseJointAngles>()
         .whole::<PosePin>()
+        .per_frame::<PoseProcrustes>()
         .per_frame::<RenderDrawings>()
         .per_frame::<RenderShadow>()
         .per_frame::<RenderShapes>()

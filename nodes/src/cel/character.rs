@@ -18,7 +18,7 @@ use nalgebra::Matrix4;
 use pegbar_engine::node::{Context, NodeError, PerFrame};
 use pegbar_engine::{Node, Outputs};
 
-use crate::algo::creature::{Creature, Design};
+use crate::algo::creature::{Creature, Design, Player};
 use crate::data::{Mesh, Skeleton, SkinnedMesh};
 
 /// Who is played.
@@ -26,12 +26,24 @@ use crate::data::{Mesh, Skeleton, SkinnedMesh};
 pub(crate) enum Character {
     /// An otter on its hind legs, 1.05 metres tall: a long supple body, webbed feet, a thick tail, a cheeky look.
     Otter,
+    /// A girl with bunches, in a red top and blue shorts. She and the next three have one skeleton, a person's of 1.5 metres, its arms straight out at rest.
+    Gymnast,
+    /// A thief with a mask and a striped jersey.
+    Sneak,
+    /// A ballerina in a tutu.
+    Dancer,
+    /// A flower with leaves for hands.
+    Flower,
 }
 
 impl Character {
     pub(super) fn design(self) -> Design {
         match self {
             Self::Otter => Design::otter(),
+            Self::Gymnast => Design::player(Player::Gymnast),
+            Self::Sneak => Design::player(Player::Sneak),
+            Self::Dancer => Design::player(Player::Dancer),
+            Self::Flower => Design::player(Player::Flower),
         }
     }
 }

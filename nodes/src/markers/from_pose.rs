@@ -73,7 +73,7 @@ pub(crate) enum Unmatched {
 
 /// Joints by the names of markers: `{ "pelvis": "Hips" }`, or pairs `[("pelvis", "Hips")]`.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct JointNames(Vec<(String, String)>);
+pub(crate) struct JointNames(pub(crate) Vec<(String, String)>);
 
 impl<'de> Deserialize<'de> for JointNames {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -145,10 +145,18 @@ pub(crate) struct MarkersFromPoseOutputs {
     markers: Markers3,
 }
 
-impl MarkersFromPose {
+/// Which joints the markers of a rig sit on.
+pub(crate) struct Chosen<'a> {
+    pub(crate) skeleton: &'a Skeleton,
+    pub(crate) naming: Names,
+    pub(crate) joints: &'a JointNames,
+    pub(crate) missing: Unmatched,
+}
+
+impl Chosen<'_> {
     /// Each marker and its joint.
-    fn chosen(&self) -> Result<Vec<(String, usize)>, NodeError> {
-        let skeleton = &*self.skeleton;
+    pub(crate) fn joints(&self) -> Result<Vec<(String, usize)>, NodeError> {
+        let skeleton = self.skeleton;
         let own = |found: &mut Vec<(String, usize)>| {
             for (marker, name) in &self.joints.0 {
                 match (skeleton.find(name), found.iter_mut().find(|(m, _)| m == marker)) {
@@ -175,7 +183,7 @@ impl MarkersFromPose {
     }
 
     fn standard(&self) -> Result<Vec<(String, usize)>, NodeError> {
-        let skeleton = &*self.skeleton;
+        let skeleton = self.skeleton;
         let world = world_from_joint(&skeleton.parents, &skeleton.rest()).map_err(|e| NodeError::input(format!("skeleton: {e}")))?;
         let rest: Vec<Vector3<f64>> = world.iter().map(|m| m.fixed_view::<3, 1>(0, 3).into_owned()).collect();
         let found = matched(self.naming.tables(), &skeleton.names, &rest).ok_or_else(|| NodeError::internal("no naming"))?;
@@ -228,7 +236,8 @@ impl PerFrame for MarkersFromPose {
         }
         let local: Vec<_> = joints.iter().map(Joint::matrix).collect();
         let world = world_from_joint(&self.skeleton.parents, &local).map_err(|e| NodeError::input(format!("skeleton: {e}")))?;
-        let (names, chosen): (Vec<String>, Vec<usize>) = self.chosen()?.into_iter().unzip();
+        let chosen = Chosen { skeleton: &self.skeleton, naming: self.naming, joints: &self.joints, missing: self.missing }.joints()?;
+        let (names, chosen): (Vec<String>, Vec<usize>) = chosen.into_iter().unzip();
         let points = chosen.into_iter().map(|j| [world[j].m14, world[j].m24, world[j].m34]).collect();
         Ok(MarkersFromPoseOutputs { markers: Markers3 { points, names } })
     }

@@ -4,6 +4,6 @@ mod from_pose;
 mod project;
 mod smooth;
 
-pub(crate) use from_pose::MarkersFromPose;
+pub(crate) use from_pose::{Chosen, JointNames, MarkersFromPose, Names, Unmatched};
 pub(crate) use project::MarkersProject;
 pub(crate) use smooth::MarkersSmooth;

@@ -1,14 +1,19 @@
-//! What joints do: made to stand where they should.
+//! What joints do: turned to markers, made to stand where they should.
 
 mod align_2d;
 mod descriptor;
+mod joint_angles;
+mod markers;
 mod mesh_pin;
 mod pin;
+mod procrustes;
 
 pub(crate) use align_2d::PoseAlign2d;
 pub(crate) use descriptor::PoseDescriptor;
+pub(crate) use joint_angles::PoseJointAngles;
 pub(crate) use mesh_pin::MeshPin;
 pub(crate) use pin::PosePin;
+pub(crate) use procrustes::PoseProcrustes;
 
 use nalgebra::Vector3;
 use pegbar_engine::clock::Clock;

@@ -3,7 +3,7 @@
 //! **Method** `shift` moves the whole figure, as the paper does: by what brings each point to its place while it is pinned, and smoothly from pin to pin
 //! ([`crate::algo::pins`]). `two_bone` leaves the figure where it is and bends the limb: the two joints above a pinned joint are turned so that it comes to
 //! its place, in the plane in which the limb is bent, and the pinned joint keeps its own direction. At last the figure is lifted wherever it is below the
-//! ground.
+//! ground. Feet that stand are found where they are slow and low ([`crate::algo::contacts`]), in this motion or the captured one.
 //!
 //! **Source** Bregler, Loeb, Chuang, Deshpande 2002, section 3.4 (global translations as constraints); Fritsch and Carlson 1980 (slopes).
 //!
@@ -22,6 +22,7 @@ use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs, Setting};
 
 use super::{Pin, Pins};
+use crate::algo::contacts::{Contact, contacts};
 use crate::algo::pins::{Pinned, lifts, miss, shifts, two_bone};
 use crate::algo::skeleton::{Joint, world_from_joint};
 use crate::algo::skin::Skin;
@@ -60,6 +61,20 @@ pub(crate) struct PosePin {
     /// at the first of the frames.
     #[input(default = [])]
     pub(super) pins: Pins,
+    /// Joints that are pinned besides wherever they stand: where they are slow and low, each time where they touch down.
+    #[input(default = [])]
+    pub(super) contacts: Vec<String>,
+    /// The motion in which stands are found: the captured one. This one where it is left out.
+    pub(super) contact_pose: Option<Sequence<Pose>>,
+    /// What is faster does not stand.
+    #[input(default = 0.2, range = 0.0..=1000000.0, unit = "m/s")]
+    pub(super) contact_speed: f64,
+    /// What is higher above its lowest place does not stand.
+    #[input(default = 0.05, range = 0.0..=1000000.0, unit = "m")]
+    pub(super) contact_height: f64,
+    /// What is shorter is no stand.
+    #[input(default = 2, range = 1..=1000000, unit = "frames")]
+    pub(super) contact_frames: u32,
     /// What gives way.
     #[input(default = shift)]
     pub(super) method: Method,
@@ -186,12 +201,12 @@ fn place(world: &Matrix4<f64>) -> Vector3<f64> {
 }
 
 impl PosePin {
-    fn figure(&self, cx: &Context) -> Result<Figure<'_>, NodeError> {
+    fn figure(&self, cx: &Context, pose: &Sequence<Pose>, name: &str) -> Result<Figure<'_>, NodeError> {
         let n = self.skeleton.n_joints();
-        let first = self.pose.clock().unwrap_or(cx.clock).first;
+        let first = pose.clock().unwrap_or(cx.clock).first;
         let frame = |k: usize| {
-            let refused = |e: String| NodeError::input(format!("pose at frame {}: {e}", first + k as i64));
-            let joints = self.pose.get(k)?.joints().map_err(refused)?;
+            let refused = |e: String| NodeError::input(format!("{name} at frame {}: {e}", first + k as i64));
+            let joints = pose.get(k)?.joints().map_err(refused)?;
             if joints.len() == n {
                 Ok(joints)
             } else {
@@ -207,11 +222,30 @@ impl PosePin {
             Ok((skin.map_err(|e| NodeError::input(format!("mesh: {e}")))?, mesh.inverse_bind()))
         });
         // One pose stands for every frame of the clock.
-        let mut frames = (0..self.pose.len()).map(frame).collect::<Result<Vec<_>, _>>()?;
+        let mut frames = (0..pose.len()).map(frame).collect::<Result<Vec<_>, _>>()?;
         while let (true, Some(last)) = (frames.len() < cx.clock.len(), frames.last()) {
             frames.push(last.clone());
         }
         Ok(Figure { skeleton: &self.skeleton, skin: skin.transpose()?, frames })
+    }
+
+    /// A pin for each stand of the joints that are looked at.
+    fn stands(&self, cx: &Context) -> Result<Vec<Pin>, NodeError> {
+        let figure = match &self.contact_pose {
+            _ if self.contacts.is_empty() => return Ok(Vec::new()),
+            Some(pose) => self.figure(cx, pose, "contact_pose")?,
+            None => self.figure(cx, &self.pose, "pose")?,
+        };
+        let contact = Contact { speed: self.contact_speed, height: self.contact_height, least: self.contact_frames as usize };
+        let (first, rate) = (cx.clock.first, cx.clock.rate());
+        let mut pins = Vec::new();
+        for name in &self.contacts {
+            let pin = |frames: [i64; 2]| Pin { frames, joint: Some(name.clone()), vertex: None, at: None };
+            let path = (0..figure.frames.len()).map(|k| figure.point(&pin([first; 2]), k)).collect::<Result<Vec<_>, _>>()?;
+            let frame = |k: usize| first + k as i64;
+            pins.extend(contacts(&path, rate, contact).into_iter().map(|(a, b)| pin([frame(a), frame(b)])));
+        }
+        Ok(pins)
     }
 
     /// Bends limbs: the pins of each joint by themselves.
@@ -242,8 +276,10 @@ impl Whole for PosePin {
         self.pins.problems()
     }
 
-    fn run(self, cx: &Context) -> Result<PosePinOutputs, NodeError> {
-        let mut figure = self.figure(cx)?;
+    fn run(mut self, cx: &Context) -> Result<PosePinOutputs, NodeError> {
+        let stands = self.stands(cx)?;
+        self.pins.0.extend(stands);
+        let mut figure = self.figure(cx, &self.pose, "pose")?;
         let n = figure.frames.len();
         let pins = self.pins.pinned(cx.clock, |pin| (0..n).map(|k| figure.point(pin, k)).collect())?;
         match self.method {

@@ -3,15 +3,19 @@
 use std::sync::Arc;
 
 use nalgebra::{Matrix4, UnitQuaternion, Vector3};
-use pegbar_engine::node::{Arg, Cancel, Context, In, Input, NodeError, Sequence, SequenceRef, Whole};
+use pegbar_engine::node::{Arg, Cancel, Context, In, Input, NodeError, PerFrame, Sequence, SequenceRef, Whole};
 use pegbar_engine::setting::{Setting, SettingError};
 use pegbar_engine::value::{Value, ValueRef};
 
+use super::joint_angles::PoseJointAnglesOutputs;
 use super::pin::Method;
 use super::*;
+use crate::algo::joint_angles::{Aim, Reading};
 use crate::algo::skeleton::{Joint, world_from_joint};
 use crate::counted::clock;
-use crate::data::{Mesh, Pose, Skeleton, SkinnedMesh};
+use crate::data::{Markers3, Mesh, Pose, Skeleton, SkinnedMesh};
+use crate::lift::Limbs;
+use crate::markers::{JointNames, Names};
 
 const FRAMES: usize = 24;
 
@@ -64,6 +68,11 @@ fn pin(pins: &str, method: Method) -> PosePin {
         mesh: None,
         pins: parsed(pins).unwrap(),
         method,
+        contacts: Vec::new(),
+        contact_pose: None,
+        contact_speed: 0.2,
+        contact_height: 0.05,
+        contact_frames: 2,
         ground: None,
         soften: 0,
         blend: None,
@@ -167,4 +176,101 @@ fn a_mesh_stands_on_its_vertex_and_on_the_ground() {
     assert!(lowest.abs() < 1e-12 && out.mesh.0[3] == mesh(3));
     let error = run(node("[(frames: (1, 2), vertex: 7)]", None)).map(|_| ()).unwrap_err().message;
     assert_eq!(error, "frame 0 from the first: expected a vertex 7 at a finite place, found none of 2");
+}
+
+#[test]
+fn a_foot_that_stands_in_the_captured_motion_is_pinned_where_it_touches_down() {
+    // Captured, the foot stands for frames 4 to 9 of the clock; lifted, it slides on.
+    let captured: Vec<Pose> = glide()
+        .into_iter()
+        .enumerate()
+        .map(|(k, mut pose)| {
+            let still = [3.0, k as f64][usize::from(!(3..=8).contains(&k))];
+            pose.translations[0] = [0.1 * still, 1.2, 0.0];
+            pose
+        })
+        .collect();
+    let node =
+        PosePin { contacts: vec!["foot".to_owned()], contact_pose: Some(sequence(captured)), blend: Some(0.0), ..pin("[]", Method::Shift) };
+    let out = run(node).unwrap();
+    let (before, after): (Vec<_>, Vec<_>) = glide().iter().zip(&out.pose.0).map(|(a, b)| (places(a)[FOOT], places(b)[FOOT])).unzip();
+    (3..=8).for_each(|k| assert!((after[k] - before[3]).norm() < 1e-12, "{k}"));
+    assert!((after[12] - before[12]).norm() < 1e-12 && (before[8] - before[3]).norm() > 0.05);
+    let wrong = PosePin { contacts: vec!["paw".to_owned()], ..pin("[]", Method::Shift) };
+    assert_eq!(run(wrong).err().unwrap().message, "pins: expected a joint of the skeleton, found \"paw\"");
+}
+
+/// Markers on the leg's joints.
+fn on_leg(pose: &Pose) -> Markers3 {
+    Markers3 { points: places(pose).into_iter().map(Into::into).collect(), names: leg().names }
+}
+
+fn solved(markers: Markers3, joints: &str) -> Result<PoseJointAnglesOutputs, NodeError> {
+    let node = PoseJointAngles {
+        markers: In::new(markers),
+        prior: In::new(glide()[0].clone()),
+        skeleton: In::new(leg()),
+        naming: Names::Auto,
+        joints: <JointNames as Setting>::parse(joints).unwrap(),
+        limbs: Limbs(Vec::new()),
+        fit: Vec::new(),
+        reading: Reading::SwingTwist,
+        aim: Aim::Marker,
+        stretch: 0.0,
+    };
+    let clock = clock(1);
+    node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() })
+}
+
+#[test]
+fn joints_come_to_their_markers_by_name() {
+    let truth = glide()[9].clone();
+    let out = solved(on_leg(&truth), "{}").unwrap();
+    assert!(out.error.value < 1e-12);
+    assert!(places(&out.pose).iter().zip(places(&truth)).all(|(a, b)| (a - b).norm() < 1e-12));
+    // Others are called otherwise, in another order, or are not of the leg at all.
+    let mut named = on_leg(&truth);
+    named.names[3] = "ankle".to_owned();
+    named.points.reverse();
+    named.names.reverse();
+    named.points.push([9.0; 3]);
+    named.names.push("hat".to_owned());
+    let out = solved(named.clone(), r#"{ "body": "body", "hip": "hip", "knee": "knee", "ankle": "foot" }"#).unwrap();
+    assert!(places(&out.pose).iter().zip(places(&truth)).all(|(a, b)| (a - b).norm() < 1e-12));
+    let refused = |markers: Markers3, joints: &str| solved(markers, joints).map(|_| ()).unwrap_err().message;
+    assert_eq!(refused(named.clone(), r#"{ "ankle": "feet" }"#), r#"joints: expected a joint of the skeleton for "ankle", found "feet""#);
+    let twice = r#"{ "ankle": "foot", "hat": "foot" }"#;
+    assert_eq!(refused(named.clone(), twice), r#"markers: expected one for a joint, found "ankle" and "hat" for "foot""#);
+    named.names = vec!["a".to_owned(), "b".to_owned(), "c".to_owned(), "d".to_owned(), "e".to_owned()];
+    assert_eq!(refused(named.clone(), "{}"), "markers: expected a marker on at least one joint, found none");
+    named.names.clear();
+    assert_eq!(refused(named, "{}"), "markers: expected names, found none");
+}
+
+#[test]
+fn the_pelvis_alone_is_turned_to_its_markers() {
+    let node = |prior: Option<Pose>, markers: Markers3, fit: &[&str]| PoseProcrustes {
+        markers: In::new(markers),
+        skeleton: In::new(leg()),
+        prior: prior.map(In::new),
+        naming: Names::Auto,
+        joints: JointNames::default(),
+        fit: fit.iter().map(|f| (*f).to_owned()).collect(),
+    };
+    let run = |node: PoseProcrustes| {
+        let clock = clock(1);
+        node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() })
+    };
+    // One bone tells a direction; the rest is as captured.
+    let mut markers = on_leg(&glide()[0]);
+    markers.points[1] = [0.2, markers.points[0][1], 0.0];
+    let out = run(node(Some(glide()[3].clone()), markers.clone(), &[])).unwrap();
+    assert_eq!(out.told.value, 0.5);
+    assert!((places(&out.pose)[1] - Vector3::new(0.2, 1.2, 0.0)).norm() < 1e-12 && out.error.value < 1e-12);
+    assert_eq!(out.pose.rotations[1..], glide()[3].rotations[1..]);
+    assert_eq!(out.rotation.values, out.pose.rotations[0]);
+    let still = run(node(None, Markers3 { points: vec![[1.0, 2.0, 3.0]], names: vec!["body".to_owned()] }, &[])).unwrap();
+    assert_eq!((still.told.value, still.pose.translations[0]), (0.0, [1.0, 2.0, 3.0]));
+    let error = run(node(None, markers, &["hop"])).map(|_| ()).unwrap_err().message;
+    assert_eq!(error, r#"fit: expected a marker that has a joint, found "hop""#);
 }

@@ -12,6 +12,7 @@ mod design;
 mod field;
 mod net;
 mod otter;
+mod performer;
 mod pose;
 mod solid;
 #[cfg(test)]
@@ -26,6 +27,7 @@ pub use design::Design;
 use design::{Feature, Form, Region};
 use field::{field, gradient, projected};
 use net::Net;
+pub use performer::Player;
 pub use pose::KeyError;
 use weights::{INFLUENCES, weights};
 

@@ -8,7 +8,7 @@ use super::design::{cone, ellipsoid};
 use super::field::{field, gradient, projected};
 use super::net::{Net, net, roundness};
 use super::solid::{ball, curve, tube};
-use super::{Creature, Design, KeyError, turned};
+use super::{Creature, Design, KeyError, Player, turned};
 use crate::algo::skeleton::Joint;
 
 fn area(net: &Net) -> f64 {
@@ -305,4 +305,34 @@ fn the_gradient_points_out() {
     let blobs = [ellipsoid([0.0; 3], [1.0; 3], [0.0; 3], 0.0)];
     let at = Vector3::new(0.6, 0.0, 0.8);
     assert!((gradient(&|p| field(&blobs, p), &at) - at).norm() < 1e-5);
+}
+
+#[test]
+fn players_have_one_skeleton_in_the_order_of_a_walk_through_it_and_stand_on_the_ground() {
+    let joints = |player| {
+        Design::player(player)
+            .joints
+            .iter()
+            .filter(|j| !j.name.contains("Bunch") && !j.name.contains("Tuft"))
+            .map(|j| (j.name.clone(), j.at))
+            .collect::<Vec<_>>()
+    };
+    for player in [Player::Gymnast, Player::Sneak, Player::Dancer, Player::Flower] {
+        let design = Design::player(player);
+        assert_eq!(joints(player), joints(Player::Dancer));
+        for (j, bone) in design.joints.iter().enumerate().skip(1) {
+            // A joint's parent is the one before it, or above that.
+            let mut at = j - 1;
+            while Some(at) != bone.parent {
+                at = design.joints[at].parent.unwrap();
+            }
+        }
+        let creature = Creature::new(&design, 0.75).unwrap();
+        let low = creature.positions.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
+        let high = creature.positions.iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
+        assert!((-0.012..0.012).contains(&low) && (1.45..1.72).contains(&high), "{player:?} {low} {high}");
+        assert!(creature.colors.iter().flatten().all(|c| c.is_finite()));
+        let sums = creature.weights.chunks(Creature::INFLUENCES).map(|w| w.iter().sum::<f64>());
+        sums.for_each(|s| assert!((s - 1.0).abs() < 1e-9));
+    }
 }

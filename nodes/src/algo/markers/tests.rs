@@ -190,7 +190,7 @@ fn nothing_is_smoothed_across_a_cut_or_a_hold_and_straight_motion_stays() {
         assert_eq!(Smooth { window: 1.9, ..smooth }.apply(&step, &times, &parts(12, &[], &[]), &none), step);
         assert_eq!(smooth.apply(&[f64::NAN, 1.0], &times[..2], &parts(2, &[], &[]), &none)[1], 1.0);
     }
-    assert_eq!(parts(0, &[], &[]), []);
+    assert_eq!(parts(0, &[], &[]), [] as [std::ops::Range<usize>; 0]);
     assert_eq!(parts(3, &[0, 1, 9], &[0, 2]), [0..1, 1..3, 2..3]);
 }
 
