@@ -125,7 +125,7 @@ fn the_take_that_fits_drawings_best_is_found_with_its_heading() {
     let stage = Stage::new();
     stage.put("short.bvh", arm(&[0, 10], 0, 30.0).as_bytes());
     stage.put("other.bvh", arm(&[0, -20, -40, -60, -80, -60, -40, -20, 0], 0, 30.0).as_bytes());
-    stage.put("same.bvh", arm(&[0, 0, 0, 20, 40, 40, 60, 80, 50, 0], 90, 30.0).as_bytes());
+    stage.put("same.bvh", arm(&[0, 0, 0, 20, 40, 50, 60, 80, 50, 0], 90, 30.0).as_bytes());
     stage.put("drawn.bvh", arm(&[20, 40, 60, 80], 0, 24.0).as_bytes());
     let limbs = r#"limbs: [("elbow", "hand")]"#;
     let joints = r#"joints: { "elbow": "LeftArm", "hand": "LeftArm_end" }"#;
@@ -140,9 +140,9 @@ fn the_take_that_fits_drawings_best_is_found_with_its_heading() {
     let files = r#"["short.bvh", "other.bvh", "same.bvh"]"#;
     let vector =
         |port: &str| all::<Vector>(stage.values((1, 4), &nodes(files, ", headings: 4"), &format!("f.{port}")).unwrap())[0].values.clone();
-    assert_eq!(vector("order"), [2.0, 1.0, 0.0]);
+    assert_eq!(vector("order"), [2.0, 0.0, 1.0]);
     let distances = vector("distances");
-    assert!(distances[2] < 1e-9 && distances[1] > 0.1 && distances[0] == f64::INFINITY, "{distances:?}");
+    assert!(distances[2] < 1e-9 && distances[1] > distances[0] && distances[0] > 0.1, "{distances:?}");
     assert!((vector("headings_deg")[2] - 270.0).abs() < 1e-9);
     let hands = |more: &str| {
         let markers = format!(
@@ -155,7 +155,6 @@ fn the_take_that_fits_drawings_best_is_found_with_its_heading() {
     let frames = all::<Curve>(stage.values((1, 4), &nodes(files, ", headings: 4"), "f.frame").unwrap());
     assert_eq!(frames.iter().map(|c| c.value).collect::<Vec<_>>(), [3.0, 4.0, 6.0, 7.0]);
     let refused = |path: &str, more: &str| stage.values((1, 4), &nodes(path, more), "f").unwrap_err();
-    assert_eq!(refused(r#""short.bvh""#, ""), "expected a take that runs along with 4 drawings, found none among 1");
     assert!(refused(r#""same.bvh""#, ", skip: 10").contains("expected more than 10 frames"));
 }
 
