@@ -45,7 +45,7 @@ pub(super) fn skeleton(parents: Vec<i64>, rest: &[Joint], names: Vec<String>, sp
 }
 
 impl Playback {
-    /// The poses of a take of `n` frames, `fps` a second, at the frames of a clock.
+    /// The poses of a take in `path` of `n` frames, `fps` a second, at the frames of a clock.
     pub(super) fn play(
         &self,
         cx: &Context,
