@@ -186,6 +186,7 @@ fn takes_of_many_makers_have_the_standard_markers() {
         assert_eq!(markers[0].names.len(), count, "{name}: {:?}", markers[0].names);
         let at = |m: &Markers3, name: &str| m.points[m.find(name).unwrap()];
         for m in &markers {
+            // Dancers crouch, and lift a foot.
             let height = at(m, "head")[1] - at(m, "left_ankle")[1];
             assert!((0.4..2.0).contains(&height), "{name}: {height}");
             for [a, b] in crate::algo::markers::standard::limbs(&m.names) {
