@@ -8,6 +8,7 @@ mod cel;
 mod comp;
 #[cfg(test)]
 mod counted;
+mod curve;
 pub mod data;
 mod drawing;
 mod eval;
@@ -20,6 +21,7 @@ mod keys;
 mod lift;
 mod markers;
 mod matte;
+mod mesh;
 mod motion;
 mod plot;
 mod pose;

@@ -7,9 +7,10 @@ use crate::camera::{CameraCalibrate, CameraOrthographic, CameraPerspective};
 use crate::capture::CaptureContour;
 use crate::cel::{CelArt, CelCharacter, CelCharacterPose, CelReference, CelScene};
 use crate::comp::{CompMask, CompMerge, CompOver};
+use crate::curve::{CorrespondCurves, CurveTrace};
 use crate::data::{
-    Affine2, Basis, Camera, Correspondences, Drawing, Field2, Field3, Image, KeyDrawings, KeyImages, KeyShapes, Markers2, Markers3, Matte,
-    Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, WarpPath, Weights,
+    Affine2, Basis, Camera, Correspondences, Curves, Drawing, Field2, Field3, Image, KeyDrawings, KeyImages, KeyShapes, Markers2, Markers3,
+    Matte, Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, WarpPath, Weights,
 };
 use crate::drawing::DrawingMerge;
 use crate::eval::EvalRms;
@@ -21,17 +22,17 @@ use crate::image::{
 };
 use crate::io::{
     IoReadAmc, IoReadBvh, IoReadDrawings, IoReadGltf, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadMarkers,
-    IoReadShapes, IoReadValue, IoSearchBvh, IoWriteBvh, IoWriteDrawings, IoWriteGltf, IoWriteImages, IoWriteMarkers, IoWriteTable,
-    IoWriteValue,
+    IoReadShapes, IoReadValue, IoWriteBvh, IoWriteDrawings, IoWriteGltf, IoWriteImages, IoWriteMarkers, IoWriteTable, IoWriteValue,
 };
 use crate::keys::{KeysBasis, KeysChoose, KeysDraw, KeysInbetween, KeysPick};
 use crate::lift::LiftLinear;
 use crate::markers::{MarkersFromPose, MarkersProject, MarkersSmooth};
 use crate::matte::{MatteColorClusters, MatteFromImage};
+use crate::mesh::{MeshSilhouette, MeshSmooth};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth, MotionWarp};
 use crate::plot::{PlotCurves, PlotPlayhead};
-use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseJointAngles, PosePin, PoseProcrustes};
-use crate::render::{RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
+use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseFit, PoseJointAngles, PosePin, PoseProcrustes};
+use crate::render::{RenderCorrespondences, RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, RetargetMeshes, RetargetShapes};
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
 use crate::skin::SkinLinearBlend;
@@ -54,6 +55,7 @@ fn types(registry: Registry) -> Registry {
         .value::<Basis>()
         .value::<Camera>()
         .value::<Correspondences>()
+        .value::<Curves>()
         .value::<Drawing>()
         .value::<Field2>()
         .value::<Field3>()
@@ -90,6 +92,8 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<CompMask>()
         .per_frame::<CompMerge>()
         .per_frame::<CompOver>()
+        .per_frame::<CorrespondCurves>()
+        .per_frame::<CurveTrace>()
         .per_frame::<DrawingMerge>()
         .whole::<EvalRms>()
         .per_frame::<FieldLift>()
@@ -124,7 +128,6 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoReadMarkers>()
         .per_frame::<IoReadShapes>()
         .per_frame::<IoReadValue>()
-        .whole::<IoSearchBvh>()
         .whole::<IoWriteBvh>()
         .whole::<IoWriteDrawings>()
         .whole::<IoWriteGltf>()
@@ -144,6 +147,8 @@ fn nodes(registry: Registry) -> Registry {
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
         .whole::<MeshPin>()
+        .recurrent::<MeshSilhouette>()
+        .per_frame::<MeshSmooth>()
         .whole::<MotionAnticipate>()
         .whole::<MotionExaggerate>()
         .whole::<MotionFollowThrough>()
@@ -155,9 +160,11 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<PlotPlayhead>()
         .per_frame::<PoseAlign2d>()
         .per_frame::<PoseDescriptor>()
+        .per_frame::<PoseFit>()
         .per_frame::<PoseJointAngles>()
         .whole::<PosePin>()
         .per_frame::<PoseProcrustes>()
+        .per_frame::<RenderCorrespondences>()
         .per_frame::<RenderDrawings>()
         .per_frame::<RenderShadow>()
         .per_frame::<RenderShapes>()

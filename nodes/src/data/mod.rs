@@ -3,6 +3,7 @@
 mod affine;
 mod basis;
 mod camera;
+mod curves;
 mod drawing;
 mod field;
 mod image;
@@ -18,6 +19,7 @@ mod weights;
 pub use affine::Affine2;
 pub use basis::{Basis, BasisKind};
 pub use camera::Camera;
+pub use curves::{CurveRef, Curves};
 pub use drawing::{Contour, Drawing, KeyDrawings};
 pub use field::{Correspondences, Field2, Field3};
 pub use image::Image;

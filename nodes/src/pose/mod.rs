@@ -2,6 +2,7 @@
 
 mod align_2d;
 mod descriptor;
+mod fit;
 mod joint_angles;
 mod markers;
 mod mesh_pin;
@@ -10,6 +11,7 @@ mod procrustes;
 
 pub(crate) use align_2d::PoseAlign2d;
 pub(crate) use descriptor::PoseDescriptor;
+pub(crate) use fit::PoseFit;
 pub(crate) use joint_angles::PoseJointAngles;
 pub(crate) use mesh_pin::MeshPin;
 pub(crate) use pin::PosePin;

@@ -274,3 +274,74 @@ fn the_pelvis_alone_is_turned_to_its_markers() {
     let error = run(node(None, markers, &["hop"])).map(|_| ()).unwrap_err().message;
     assert_eq!(error, r#"fit: expected a marker that has a joint, found "hop""#);
 }
+fn seen_from() -> crate::data::Camera {
+    use crate::algo::camera::{Camera, Orbit, orthographic};
+    let orbit = Orbit { target: [0.0, 0.6, 0.0], azimuth: 1.2, elevation: 0.1, roll: 0.0, distance: 5.0 };
+    crate::data::Camera::from(&Camera::new(orbit.view(), orthographic(150.0, [320, 240], 0.1, 100.0), [320, 240]).unwrap())
+}
+
+fn fit(markers: crate::data::Markers2) -> fit::PoseFit {
+    fit::PoseFit {
+        mesh: None,
+        skeleton: In::new(leg()),
+        pose: In::new(glide().remove(0)),
+        camera: In::new(seen_from()),
+        drawing: None,
+        markers: Some(In::new(markers)),
+        marker_joints: Vec::new(),
+        root: true,
+        turns: vec!["*".to_owned()],
+        lengths: Vec::new(),
+        scales: Vec::new(),
+        marker_weight: 1.0,
+        outline_weight: 1.0,
+        turn_prior: 0.1,
+        length_prior: 1.0,
+        scale_prior: 1.0,
+        reach: 48.0,
+        threshold: 0.4,
+        rounds: 20,
+    }
+}
+
+#[test]
+fn a_figure_comes_to_its_markers_and_a_drawn_bone_gets_longer() {
+    let camera = crate::algo::camera::Camera::try_from(&seen_from()).unwrap();
+    let mut wanted = glide().remove(18);
+    let mark = |pose: &Pose| crate::data::Markers2 {
+        points: places(pose).iter().map(|p| camera.project((*p).into())).map(|[x, y, _]| [x, y]).collect(),
+        names: leg().names,
+    };
+    let out = run_one(fit(mark(&wanted))).unwrap();
+    assert!(out.marker_error.value < 0.1, "{}", out.marker_error.value);
+    // The shin half as long again: out of reach for turns alone, met by its length.
+    wanted.translations[3] = wanted.translations[3].map(|v| v * 1.5);
+    let stiff = run_one(fit(mark(&wanted))).unwrap();
+    let long = run_one(fit::PoseFit { lengths: vec!["foot".to_owned()], ..fit(mark(&wanted)) }).unwrap();
+    assert!(stiff.marker_error.value > 1.0 && long.marker_error.value < 0.2, "{} {}", stiff.marker_error.value, long.marker_error.value);
+    let length = Vector3::from(long.pose.translations[3]).norm();
+    assert!((length / 0.75 - 1.0).abs() < 0.06, "{length}");
+    // What is not seen says nothing.
+    let mut unseen = mark(&glide()[0]);
+    unseen.points[2] = [f64::NAN; 2];
+    assert!(run_one(fit(unseen)).unwrap().marker_error.value < 1e-3);
+}
+
+#[test]
+fn a_fit_without_goals_or_with_wrong_names_is_refused() {
+    let empty = crate::data::Markers2::default();
+    let refused = |node: fit::PoseFit| run_one(node).map(|_| ()).unwrap_err().message;
+    assert_eq!(refused(fit::PoseFit { markers: None, ..fit(empty.clone()) }), "expected a drawing or markers, found neither");
+    let named = crate::data::Markers2 { points: vec![[1.0, 2.0]], names: vec!["toe".to_owned()] };
+    assert_eq!(refused(fit(named)), "markers: expected a joint of the skeleton, found \"toe\"");
+    assert_eq!(
+        refused(fit::PoseFit { scales: vec!["toe".to_owned()], ..fit(empty) }),
+        "scales: expected a joint of the skeleton, found \"toe\""
+    );
+}
+
+fn run_one(node: fit::PoseFit) -> Result<fit::PoseFitOutputs, NodeError> {
+    use pegbar_engine::node::PerFrame;
+    let clock = clock(1);
+    node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() })
+}

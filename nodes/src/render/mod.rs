@@ -1,5 +1,6 @@
 //! Drawings of results: contours and grids on footage, sheets of frames.
 
+mod correspondences;
 mod drawings;
 mod scene;
 mod shadow;
@@ -9,7 +10,9 @@ mod strip;
 pub(crate) mod tests;
 mod toon;
 
+pub(crate) use correspondences::RenderCorrespondences;
 pub(crate) use drawings::{Pen, RenderDrawings};
+pub(crate) use scene::seen_by;
 pub(crate) use shadow::RenderShadow;
 pub(crate) use shapes::RenderShapes;
 pub(crate) use strip::RenderStrip;
@@ -39,6 +42,17 @@ pub(crate) fn blank(window: Window) -> Result<Vec<f32>, NodeError> {
         Some(n) => Ok(vec![0.0; n]),
         None => {
             let found = format!("expected a drawing of at most 4 GiB, found {} x {}", window.width, window.height);
+            Err(NodeError::new(Fault::Limit, found).help("make the size smaller"))
+        }
+    }
+}
+
+/// Refuses a picture that is larger than any drawing.
+pub(crate) fn limited(width: usize, height: usize) -> Result<(), NodeError> {
+    match Window::new(0, 0, width, height).samples(4).filter(|n| *n <= LARGEST) {
+        Some(_) => Ok(()),
+        None => {
+            let found = format!("expected a drawing of at most 4 GiB, found {width} x {height}");
             Err(NodeError::new(Fault::Limit, found).help("make the size smaller"))
         }
     }

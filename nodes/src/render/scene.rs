@@ -21,7 +21,7 @@ pub(super) fn surface_of(meshes: &[In<Mesh>], hard_deg: f64, edges: bool) -> Res
 }
 
 /// A camera that can see.
-pub(super) fn seen_by(camera: &Camera) -> Result<camera::Camera, NodeError> {
+pub(crate) fn seen_by(camera: &Camera) -> Result<camera::Camera, NodeError> {
     camera::Camera::try_from(camera).map_err(|e| NodeError::input(format!("camera: {e}")))
 }
 

@@ -1,14 +1,12 @@
 //! Ink lines: chains on the screen, cut where something hides them, drawn with a pen of changing width.
 
 use kurbo::{BezPath, Point, Shape as _};
-use nalgebra::Vector4;
 
-use super::{Area, Light, on_threads, rows_of};
+use super::{Light, on_threads, rows_of};
 use crate::algo::camera::Camera;
 use crate::algo::paint::{FillRule, fill_rows, ink_widths};
 use crate::algo::silhouette::{Chain, EdgePoint, Kind};
-use crate::algo::surface::Surface;
-use crate::algo::zbuffer::depth_of;
+use crate::algo::visibility::{Seen, Sight};
 
 /// Between two samples of a line, pixels.
 const STEP: f64 = 1.0;
@@ -36,13 +34,6 @@ pub struct Pen {
     pub colour: [f32; 4],
 }
 
-/// The depth buffer that hides lines.
-pub(super) struct Depths<'a> {
-    pub(super) near: &'a [f32],
-    pub(super) reference: f64,
-    pub(super) area: Area,
-}
-
 /// A line ready to be filled by the non-zero rule, and the rows that it touches.
 pub(super) struct Stroke {
     path: BezPath,
@@ -62,72 +53,17 @@ struct Sample {
     seen: Seen,
 }
 
-/// What the depth buffer says of a place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Seen {
-    Yes,
-    /// By the surface that it is on: it turns away there.
-    Turned,
-    /// By something well before it.
-    Covered,
-}
-
-impl Depths<'_> {
-    /// Nearness of a pixel; of one outside, that of nothing.
-    fn at(&self, x: i64, y: i64) -> f64 {
-        let (x, y) = (x - self.area.origin[0] as i64, y - self.area.origin[1] as i64);
-        if x < 0 || y < 0 || x >= self.area.width as i64 || y >= self.area.height as i64 {
-            return f64::NEG_INFINITY;
-        }
-        f64::from(self.near[y as usize * self.area.width + x as usize]) + self.reference
-    }
-
-    /// A line lies where depths jump: it is seen where any of the nine pixels around it is not before it.
-    fn seen(&self, s: &Sample, slack: f64, far_slack: f64) -> Seen {
-        let (x, y) = (s.at.x.floor() as i64, s.at.y.floor() as i64);
-        let around = (-1..=1).flat_map(|j| (-1..=1).map(move |i| (i, j)));
-        let least = around.map(|(i, j)| self.at(x + i, y + j)).fold(f64::INFINITY, f64::min);
-        let near = s.near;
-        match least - near {
-            d if d <= slack => Seen::Yes,
-            d if d <= far_slack => Seen::Turned,
-            _ => Seen::Covered,
-        }
-    }
-}
-
 /// All that does not change from chain to chain.
 struct Plotter<'a> {
     camera: &'a Camera,
-    depths: &'a Depths<'a>,
+    sight: Sight<'a>,
     pen: &'a Pen,
     light: &'a Light,
-    matrix: nalgebra::Matrix4<f64>,
-    depth: [f64; 2],
-    orthographic: bool,
-    /// A thousandth of the surface's extent, and its depth in the middle.
-    small: f64,
-    middle: f64,
 }
 
 /// The visible parts of chains as strokes, in their order.
-pub(super) fn strokes(chains: &[Chain], surface: &Surface, camera: &Camera, depths: &Depths<'_>, pen: &Pen, light: &Light) -> Vec<Stroke> {
-    let ends = surface.positions.iter().fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |[low, high], p| {
-        [[0, 1, 2].map(|k| low[k].min(p[k])), [0, 1, 2].map(|k| high[k].max(p[k]))]
-    });
-    let extent = [0, 1, 2].map(|k| ends[1][k] - ends[0][k]).into_iter().fold(0.0, f64::max);
-    let middle = camera.project([0, 1, 2].map(|k| (ends[0][k] + ends[1][k]) / 2.0))[2];
-    let plotter = Plotter {
-        camera,
-        depths,
-        pen,
-        light,
-        matrix: camera.clip_from_world(),
-        depth: camera.depth_of_clip(),
-        orthographic: camera.is_orthographic(),
-        small: extent * 1e-3,
-        middle: middle.max(extent * 1e-3),
-    };
+pub(super) fn strokes(chains: &[Chain], sight: Sight<'_>, camera: &Camera, pen: &Pen, light: &Light) -> Vec<Stroke> {
+    let plotter = Plotter { camera, sight, pen, light };
     let mut out = Vec::new();
     for chain in chains {
         plotter.plot(chain, &mut out);
@@ -138,15 +74,8 @@ pub(super) fn strokes(chains: &[Chain], surface: &Surface, camera: &Camera, dept
 impl Plotter<'_> {
     /// A point of a chain on the screen; `None` behind the near plane.
     fn place(&self, point: &EdgePoint, kind: Kind) -> Option<Sample> {
-        let p = point.smooth;
-        let clip = self.matrix * Vector4::new(p.x, p.y, p.z, 1.0);
-        if clip.w <= 0.0 || clip.z < -clip.w {
-            return None;
-        }
-        let [a, b] = self.depth;
-        let near = if self.orthographic { -(a * clip.z + b) } else { 1.0 / (a * clip.w + b) };
-        let [x, y] = self.camera.pixel(&clip);
-        let far = libm::pow(self.middle / depth_of(near, self.orthographic).max(self.small), self.pen.thin_far).clamp(0.1, 10.0);
+        let ([x, y], near) = self.sight.place(&point.smooth)?;
+        let far = libm::pow(self.sight.middle / self.sight.depth(near).max(self.sight.small), self.pen.thin_far).clamp(0.1, 10.0);
         let dark = 1.0 + self.pen.weight * (0.5 - 0.5 * point.normal.dot(&self.light.direction));
         let base = if matches!(kind, Kind::Silhouette | Kind::Border) { self.pen.outline } else { self.pen.inner };
         Some(Sample { at: Point::new(x, y), near, width: base * far * dark, corner: false, seen: Seen::Yes })
@@ -194,12 +123,8 @@ impl Plotter<'_> {
 
     /// Asks the depth buffer about each sample.
     fn look(&self, line: &mut [Sample], kind: Kind) {
-        // A silhouette may lie a little behind the mesh that hides its smooth surface; the others lie on it.
-        let slack = if kind == Kind::Silhouette { 5.0 } else { 3.0 };
         for s in line.iter_mut() {
-            // Nearness changes with the square of itself as depth does in perspective.
-            let slope = if self.orthographic { 1.0 } else { s.near * s.near };
-            s.seen = self.depths.seen(s, slack * self.small * slope, 40.0 * self.small * slope);
+            s.seen = self.sight.seen([s.at.x, s.at.y], s.near, kind);
         }
     }
 

@@ -23,9 +23,9 @@ use super::camera::Camera;
 use super::refine::refine;
 use super::silhouette::{Lines, chains};
 use super::surface::{Edge, Surface};
+use super::visibility::{Area, Depths, Sight, reference_of};
 use super::zbuffer::{Projected, project};
 use band::{Band, Out};
-use ink::Depths;
 
 /// How a surface is drawn.
 #[derive(Clone, Debug)]
@@ -56,30 +56,6 @@ pub struct Render {
     pub id: Vec<f32>,
 }
 
-/// The rectangle of pixels that triangles may touch: column, row, columns, rows.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Area {
-    pub(super) origin: [usize; 2],
-    pub(super) width: usize,
-    pub(super) height: usize,
-}
-
-impl Area {
-    fn of(projected: &Projected, size: [usize; 2]) -> Self {
-        let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
-        for corner in projected.triangles.iter().flat_map(|t| t.corners) {
-            for k in 0..2 {
-                range[k] = [range[k][0].min(corner[k]), range[k][1].max(corner[k])];
-            }
-        }
-        let [x, y] = [0, 1].map(|k| {
-            let low = (range[k][0] - 1.0).clamp(0.0, size[k] as f64) as usize;
-            (low, ((range[k][1] + 2.0).clamp(0.0, size[k] as f64) as usize).saturating_sub(low))
-        });
-        Self { origin: [x.0, y.0], width: x.1, height: y.1 }
-    }
-}
-
 /// Draws a surface as a camera sees it. Cost: O(triangles × bands + pixels touched + length of lines).
 pub fn render(mut surface: Surface, camera: &Camera, mut style: Style<'_>) -> Render {
     if let Some(tolerance) = style.round {
@@ -108,7 +84,7 @@ fn draw(surface: &Surface, camera: &Camera, style: &Style<'_>) -> Render {
         };
         let found = chains(surface, camera.toward(), lines, differ);
         let depths = Depths { near: &near.0, reference: near.1, area };
-        let strokes = ink::strokes(&found, surface, camera, &depths, &pen, &style.light);
+        let strokes = ink::strokes(&found, Sight::new(surface, camera, depths), camera, &pen, &style.light);
         ink::lay(&strokes, pen.colour, width, &mut out.image, style.threads);
     }
     out
@@ -132,10 +108,7 @@ fn fill(surface: &Surface, camera: &Camera, style: &Style<'_>, projected: &Proje
         orthographic: camera.is_orthographic(),
         back: camera.world_from_camera().column(2).xyz().normalize(),
     };
-    // The middle of what there is, so that f32 holds the differences.
-    let all = projected.triangles.iter().flat_map(|t| t.near);
-    let [low, high] = all.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], q| [a.min(q), b.max(q)]);
-    let band = Band { shader, loops: &loops, area, reference: (low + high) / 2.0, antialias: style.antialias };
+    let band = Band { shader, loops: &loops, area, reference: reference_of(projected), antialias: style.antialias };
     let mut near = vec![f32::NEG_INFINITY; area.width * area.height];
     let width = camera.size[0];
     let first = area.origin[1] * width;
