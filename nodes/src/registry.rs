@@ -22,7 +22,8 @@ use crate::image::{
 };
 use crate::io::{
     IoReadAmc, IoReadBvh, IoReadDrawings, IoReadGltf, IoReadImage, IoReadImages, IoReadKeyDrawings, IoReadKeyShapes, IoReadMarkers,
-    IoReadShapes, IoReadValue, IoWriteBvh, IoWriteDrawings, IoWriteGltf, IoWriteImages, IoWriteMarkers, IoWriteTable, IoWriteValue,
+    IoReadShapes, IoReadValue, IoSearchBvh, IoWriteBvh, IoWriteDrawings, IoWriteGltf, IoWriteImages, IoWriteMarkers, IoWriteTable,
+    IoWriteValue,
 };
 use crate::keys::{KeysBasis, KeysChoose, KeysDraw, KeysInbetween, KeysPick};
 use crate::lift::LiftLinear;
@@ -128,6 +129,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<IoReadMarkers>()
         .per_frame::<IoReadShapes>()
         .per_frame::<IoReadValue>()
+        .whole::<IoSearchBvh>()
         .whole::<IoWriteBvh>()
         .whole::<IoWriteDrawings>()
         .whole::<IoWriteGltf>()

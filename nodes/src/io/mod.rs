@@ -15,6 +15,7 @@ mod read_key_shapes;
 mod read_markers;
 mod read_shapes;
 mod read_value;
+mod search_bvh;
 mod svg;
 #[cfg(test)]
 mod tests;
@@ -37,6 +38,7 @@ pub(crate) use read_key_shapes::IoReadKeyShapes;
 pub(crate) use read_markers::IoReadMarkers;
 pub(crate) use read_shapes::IoReadShapes;
 pub(crate) use read_value::IoReadValue;
+pub(crate) use search_bvh::IoSearchBvh;
 pub(crate) use write_bvh::IoWriteBvh;
 pub(crate) use write_drawings::IoWriteDrawings;
 pub(crate) use write_gltf::IoWriteGltf;

@@ -64,7 +64,10 @@ impl Stage {
     /// The values of the first output of `node`, or the one error of the run.
     fn values(&self, frames: (i64, i64), nodes: &str, node: &str) -> Result<Vec<ValueRef>, String> {
         let graph = self.graph(frames, nodes);
-        let port = Port { node: graph.find(node).unwrap(), output: 0 };
+        let (name, output) = node.split_once('.').unwrap_or((node, ""));
+        let node = graph.find(name).unwrap();
+        let output = graph.nodes[node].ty.schema.outputs.iter().position(|o| o.name == output).unwrap_or(0);
+        let port = Port { node, output };
         let mut report = execute(&graph, &[], &[port], &Options::default()).unwrap();
         match &report.failures[..] {
             [] => Ok(report.kept.remove(&port).unwrap().into_iter().map(Option::unwrap).collect()),

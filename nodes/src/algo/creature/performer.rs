@@ -231,7 +231,7 @@ fn gymnast(d: &mut Design, head: usize, hex: u32) {
         d.add_ball(head, 0xf2_d0_4a, at(0.175, 1.38, -0.05), [0.03, 0.03, 0.03], [0.0; 3], Vec::new());
         d.add_cone(bunch, at(0.18, 1.38, -0.05), at(0.235, 1.36, -0.06), [0.03, 0.06], 0.0);
         d.add_cone(end, at(0.235, 1.36, -0.06), at(0.285, 1.24, -0.06), [0.06, 0.018], 0.0);
-        d.regions.push(region(hex, vec![cone(at(0.205, 1.38, -0.05), at(0.3, 1.25, -0.06), [0.045, 0.09], 0.0)]));
+        d.regions.push(region(hex, vec![cone(at(0.2, 1.385, -0.05), at(0.3, 1.24, -0.06), [0.06, 0.1], 0.0)]));
     }
 }
 

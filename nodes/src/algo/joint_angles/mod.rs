@@ -238,7 +238,7 @@ impl Frame<'_> {
     /// Where a joint stands in its parent's space.
     fn place(&self, j: usize, parent: &Matrix4<f64>) -> Vector3<f64> {
         let inside = |world: Vector3<f64>| parent.try_inverse().map(|m| m.transform_point(&world.into()).coords);
-        let is_above = || self.rig.parents[j].is_none() || !self.below_top(j);
+        let is_above = || j == self.rig.top || self.rig.parents[j].is_none() || !self.below_top(j);
         let own = if is_above() { self.prior[j].translation } else { self.rig.rest[j].translation };
         match self.marker(j).filter(|_| self.rig.marked[j]) {
             Some(marker) if j == self.rig.top => inside(marker).unwrap_or(own),
@@ -289,9 +289,10 @@ impl Frame<'_> {
     fn joint(&mut self, j: usize) -> Joint {
         let parent = self.parent(j);
         let translation = self.place(j, &parent);
-        let rotation = if !self.rig.marked[j] {
+        // Where its own marker is not seen, nothing tells how the topmost joint is turned.
+        let rotation = if !self.rig.marked[j] || j == self.rig.top && self.marker(j).is_none() {
             self.prior[j].rotation
-        } else if j == self.rig.top && self.marker(j).is_some() {
+        } else if j == self.rig.top {
             let (from, to) = self.pairs(&parent, &translation);
             procrustes::rotation(&from, &to, &self.prior[j].rotation).0
         } else {

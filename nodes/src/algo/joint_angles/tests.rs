@@ -120,7 +120,7 @@ fn markers_of_other_lengths_are_on_the_line_of_their_bone() {
         let bones = [(CHEST, SHOULDER), (SHOULDER, ELBOW), (ELBOW, 5), (6, 9), (9, 12)];
         for options in [EXACT, ALL[1], ALL[2]] {
             let at = places(&rig.solve(&known(&markers), &prior, options));
-            assert_eq!(at[HIPS], markers[HIPS].map(|v| v), "the root is at its marker");
+            assert!((at[HIPS] - markers[HIPS]).norm() < 1e-12, "the root is at its marker");
             for (a, b) in bones {
                 let along = (at[b] - at[a]).normalize();
                 let wanted = if options.aim == Aim::Bone { markers[b] - markers[a] } else { markers[b] - at[a] };

@@ -65,11 +65,17 @@ pub fn twist(rotation: &UnitQuaternion<f64>, axis: &Vector3<f64>) -> UnitQuatern
 
 /// The shortest swing from one direction to another, both unit; to the opposite one about the axis of the captured swing.
 fn swing(from: &Vector3<f64>, to: &Vector3<f64>, captured: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    let half = from + to;
-    if half.norm() > 1e-8 {
-        let half = half.normalize();
-        return UnitQuaternion::new_normalize(Quaternion::from_parts(from.dot(&half), from.cross(&half)));
-    }
+    let shortest = |from: &Vector3<f64>| {
+        let half = (from + to).normalize();
+        UnitQuaternion::new_normalize(Quaternion::from_parts(from.dot(&half), from.cross(&half)))
+    };
+    let first = if (from + to).norm() > 1e-8 { shortest(from) } else { half_swing(from, captured) };
+    // Near the opposite direction little is left of the sum of both; what that costs is small enough to be made good exactly.
+    shortest(&(first * from)) * first
+}
+
+/// A half turn of `from` about the axis of the captured swing.
+fn half_swing(from: &Vector3<f64>, captured: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     let axis = captured.vector() - from * captured.vector().dot(from);
     UnitQuaternion::try_new(Quaternion::from_imag(axis), NONE).unwrap_or_else(|| half_turn(from))
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pegbar_engine::value::{ValueRef, downcast};
+use pegbar_engine::value::{Curve, ValueRef, Vector, downcast};
 
 use super::{Stage, only_failure};
 use crate::data::{Markers2, Markers3, Pose, Skeleton};
@@ -111,6 +111,51 @@ fn rigs_without_a_joint_for_a_marker_are_told_what_is_like_it() {
     assert_eq!(values(", naming: every").unwrap(), ["Hips", "LeftArm", "LeftArm_end"]);
     let own = r#", naming: cmu, missing: skip, joints: { "tip": "LeftArm_end", "pelvis": "LeftArm" }"#;
     assert_eq!(values(own).unwrap(), ["pelvis", "left_shoulder", "tip"]);
+}
+
+/// An arm that turns, by so many degrees at each frame, in the plane that is turned about the vertical by `heading`.
+fn arm(angles: &[i64], heading: i64, fps: f64) -> String {
+    let rows: Vec<String> = angles.iter().map(|a| format!("0 100 0 0 0 {heading} {a} 0 0\n")).collect();
+    let head = TAKE.split_once("MOTION").unwrap().0;
+    format!("{head}MOTION\nFrames: {}\nFrame Time: {:.7}\n{}", angles.len(), 1.0 / fps, rows.concat())
+}
+
+#[test]
+fn the_take_that_fits_drawings_best_is_found_with_its_heading() {
+    let stage = Stage::new();
+    stage.put("short.bvh", arm(&[0, 10], 0, 30.0).as_bytes());
+    stage.put("other.bvh", arm(&[0, -20, -40, -60, -80, -60, -40, -20, 0], 0, 30.0).as_bytes());
+    stage.put("same.bvh", arm(&[0, 0, 0, 20, 40, 50, 60, 80, 50, 0], 90, 30.0).as_bytes());
+    stage.put("drawn.bvh", arm(&[20, 40, 60, 80], 0, 24.0).as_bytes());
+    let limbs = r#"limbs: [("elbow", "hand")]"#;
+    let joints = r#"joints: { "elbow": "LeftArm", "hand": "LeftArm_end" }"#;
+    let nodes = |path: &str, more: &str| {
+        format!(
+            r#""d": (type: "io.read_bvh", path: "drawn.bvh", scale: 0.01), "m": (type: "markers.from_pose", skeleton: "@d.skeleton", pose: "@d.pose", {joints}),
+            "c": (type: "camera.orthographic", scale: 100.0, size: (200, 200)), "s": (type: "markers.project", markers: "@m", camera: "@c"),
+            "a": (type: "pose.descriptor", markers: "@s", {limbs}),
+            "f": (type: "io.search_bvh", target: "@a.angles", camera: "@c", path: {path}, scale: 0.01, {limbs}, {joints}{more})"#
+        )
+    };
+    let files = r#"["short.bvh", "other.bvh", "same.bvh"]"#;
+    let vector =
+        |port: &str| all::<Vector>(stage.values((1, 4), &nodes(files, ", headings: 4"), &format!("f.{port}")).unwrap())[0].values.clone();
+    assert_eq!(vector("order"), [2.0, 0.0, 1.0]);
+    let distances = vector("distances");
+    assert!(distances[2] < 1e-9 && distances[1] > distances[0] && distances[0] > 0.1, "{distances:?}");
+    assert!((vector("headings_deg")[2] - 270.0).abs() < 1e-9);
+    let hands = |more: &str| {
+        let markers = format!(
+            r#"{}, "found": (type: "markers.from_pose", skeleton: "@f.skeleton", pose: "@f.pose", joints: {{ "hand": "LeftArm_end" }})"#,
+            nodes(files, more)
+        );
+        all::<Markers3>(stage.values((1, 4), &markers, "found").unwrap()).iter().map(|m| m.points[0]).collect::<Vec<_>>()
+    };
+    close(&hands(", headings: 4"), &[20.0, 40.0, 60.0, 80.0].map(|a| hand(a, 0.0)));
+    let frames = all::<Curve>(stage.values((1, 4), &nodes(files, ", headings: 4"), "f.frame").unwrap());
+    assert_eq!(frames.iter().map(|c| c.value).collect::<Vec<_>>(), [3.0, 4.0, 6.0, 7.0]);
+    let refused = |path: &str, more: &str| stage.values((1, 4), &nodes(path, more), "f").unwrap_err();
+    assert!(refused(r#""same.bvh""#, ", skip: 10").contains("expected more than 10 frames"));
 }
 
 #[test]
