@@ -76,7 +76,7 @@ pub(crate) struct CameraCalibrate {
 /// The camera.
 #[derive(Outputs)]
 pub(crate) struct CameraCalibrateOutputs {
-    /// It.
+    /// The camera as the drawings look at the figure.
     camera: Camera,
     /// What was added to the azimuth, degrees.
     azimuth_deg: Curve,

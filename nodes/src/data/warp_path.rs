@@ -8,5 +8,5 @@ use pegbar_engine::array::NdArray;
 pub struct WarpPath {
     /// Pairs of target and source frame, in the order of time.
     #[value(shape = "[l, 2]")]
-    pub frames: NdArray<i64, 2>,
+    pub pairs: NdArray<i64, 2>,
 }

@@ -61,7 +61,7 @@ pub(crate) struct MarkersSmooth {
     holds: Option<In<TimeMap>>,
     /// Frames that a drawing stands to be a hold that nothing is smoothed across.
     #[input(default = 6, range = 2..=1000000, unit = "frames")]
-    hold: u32,
+    stand: u32,
     /// First frames of shots: nothing is smoothed across them.
     #[input(default = [])]
     cuts: Vec<i64>,
@@ -158,7 +158,7 @@ impl MarkersSmooth {
             cuts.push(*at.ok_or_else(message)?);
         }
         let length = |d: usize| holds.first.get(d + 1).copied().unwrap_or(n) - holds.first[d];
-        let fixed: Vec<bool> = (0..m).map(|d| length(d) >= self.hold as usize).collect();
+        let fixed: Vec<bool> = (0..m).map(|d| length(d) >= self.stand as usize).collect();
         let long: Vec<usize> = (0..m).filter(|&d| fixed[d]).collect();
         let parts = parts(m, &cuts, &long);
         Ok(Drawings { holds, parts, fixed })

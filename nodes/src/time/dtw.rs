@@ -139,8 +139,8 @@ impl Whole for RetimeDtw {
         // A single descriptor stands for every frame of the clock.
         source_frames.resize(cx.clock.len().max(source_frames.len()), source_frames.last().copied().unwrap_or_default());
         let pairs = path.iter().flat_map(|[i, j]| [target_clock.first + *i as i64, source_clock.first + *j as i64]).collect();
-        let frames = NdArray::new([path.len(), 2], pairs).ok_or_else(|| NodeError::internal("a path of another length"))?;
-        Ok(RetimeDtwOutputs { map: TimeMap { source_frames }, cost: Curve { value: cost }, path: WarpPath { frames } })
+        let pairs = NdArray::new([path.len(), 2], pairs).ok_or_else(|| NodeError::internal("a path of another length"))?;
+        Ok(RetimeDtwOutputs { map: TimeMap { source_frames }, cost: Curve { value: cost }, path: WarpPath { pairs } })
     }
 }
 

@@ -42,8 +42,8 @@ fn drawings_on_twos_find_their_frames() {
     // Between drawings frames are passed over, and count for the drawing that is nearer or, halfway, either.
     assert!(found.map.source_frames.iter().enumerate().all(|(k, f)| (f - (6 + k / 2 * 2) as f64).abs() <= 1.0), "{:?}", found.map);
     assert!(found.map.source_frames.chunks(2).all(|h| h[0] == h[1]), "{:?}", found.map);
-    assert_eq!(found.path.frames.shape()[1], 2);
-    assert_eq!(found.path.frames.data()[0], 1);
+    assert_eq!(found.path.pairs.shape()[1], 2);
+    assert_eq!(found.path.pairs.data()[0], 1);
 }
 
 #[test]

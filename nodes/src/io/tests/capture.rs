@@ -292,6 +292,6 @@ fn markers_on_twos_stay_on_twos_and_holds_stay() {
     let found = smooth(", window: 4").unwrap();
     assert!(found.chunks(2).all(|pair| pair[0] == pair[1]) && found[2] != before[2] && found[14] != before[14]);
     assert_eq!(found[6..12], before[6..12], "a drawing of six frames is a hold");
-    assert_ne!(smooth(", window: 4, hold: 7").unwrap()[6], 5.0);
+    assert_ne!(smooth(", window: 4, stand: 7").unwrap()[6], 5.0);
     assert!(smooth(", window: 4, cuts: [19]").unwrap_err().ends_with("cuts: expected frames of the markers, found 19"));
 }
