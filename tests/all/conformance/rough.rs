@@ -50,6 +50,7 @@ fn ordinary_values_are_taken_by_every_node() {
     let folder = tempfile::tempdir().unwrap();
     let registry = registry();
     write_all(folder.path(), &registry, Kind::Ordinary);
+    super::keys::pictures(folder.path());
     let mut wrong = Vec::new();
     for node in registry.nodes().filter(|n| !values(n).is_empty()) {
         for optional in [false, true] {
@@ -70,6 +71,7 @@ fn rough_values_are_errors_and_not_panics() {
     let folder = tempfile::tempdir().unwrap();
     let registry = registry();
     write_all(folder.path(), &registry, Kind::Ordinary);
+    super::keys::pictures(folder.path());
     Kind::WRONG.iter().for_each(|kind| write_all(folder.path(), &registry, *kind));
     let mut wrong = Vec::new();
     let mut tried = 0;

@@ -111,6 +111,14 @@ impl Kind {
                 }
             }
         }
+        // Nor any lengths curves: these have all points between them.
+        if ty.schema.name == "Curves" {
+            let n = parts.arrays.iter().find(|(name, _)| name == "points").map_or(0, |(_, a)| a.shape[0]);
+            if let Some((_, Array { data: Data::U32(lengths), .. })) = parts.arrays.iter_mut().find(|(name, _)| name == "lengths") {
+                let count = lengths.len();
+                lengths.iter_mut().enumerate().for_each(|(i, l)| *l = (n * (i + 1) / count - n * i / count) as u32);
+            }
+        }
         let windows = match self {
             Kind::Shifted => Some(([-3, 4, 9, 13], [0, 0, 12, 9])),
             Kind::Vast => Some(([0, 0, 12, 9], [-1_000_000, -1_000_000, 1_000_000, 1_000_000])),
@@ -198,6 +206,10 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
         ("path to read", "io.read_markers") => texts(&["\"a.csv\"", "\"b.csv\""]),
         ("path to read", "io.read_value") => texts(&["\"Curve.ordinary.stream.npz\"", "\"Curve.other.stream.npz\""]),
         ("path to read", "io.read_shapes" | "io.read_drawings") => texts(&["\"a.svg\"", "\"b.svg\""]),
+        (list, _) if list.starts_with("list of anchors") => {
+            texts(&["[(vertex: 0, drawn: (1.0, 2.0))]", "[(render: (3.0, 4.0), drawn: (1.0, 2.0))]"])
+        }
+        ("path or list of paths to read", "io.search_bvh") => texts(&["[\"a.bvh\", \"b.bvh\"]", "[\"b.bvh\", \"a.bvh\"]"]),
         ("path or list of paths to read", _) => texts(&["[\"a.svg\", \"b.svg\"]", "[\"b.svg\", \"a.svg\"]"]),
         ("path to write", "io.write_bvh") => texts(&["\"$out/a.bvh\"", "\"$out/b.bvh\""]),
         ("path to write", "io.write_drawings") => texts(&["\"$out/a.svg\"", "\"$out/b.svg\""]),
