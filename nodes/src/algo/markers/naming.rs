@@ -202,7 +202,8 @@ fn matched_by(naming: &Naming, plain: &[String], rest: &[Vector3<f64>]) -> Match
     let mut found = Match { naming: naming.name, joints: Vec::new(), missing: Vec::new() };
     for marker in &MARKERS {
         let names = naming.names(marker.name);
-        let joints: Vec<usize> = names.iter().filter_map(|n| plain.iter().position(|p| *p == n.to_lowercase())).collect();
+        let small = names.iter().map(|n| n.to_lowercase());
+        let joints: Vec<usize> = small.filter_map(|n| plain.iter().position(|p| *p == n)).collect();
         let above = nearest_above(marker, &found.joints);
         let is_apart = |j: &&usize| above.is_none_or(|a| (place(**j) - place(a)).norm() > 1e-6 * size);
         match (joints.iter().find(is_apart), joints.first()) {
