@@ -29,7 +29,7 @@ use crate::keys::{KeysBasis, KeysChoose, KeysDraw, KeysInbetween, KeysPick};
 use crate::lift::LiftLinear;
 use crate::markers::{MarkersFromPose, MarkersProject, MarkersSmooth};
 use crate::matte::{MatteColorClusters, MatteFromImage};
-use crate::mesh::{MeshSilhouette, MeshSmooth};
+use crate::mesh::{MeshFeatures, MeshSilhouette, MeshSmooth};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth, MotionWarp};
 use crate::plot::{PlotCurves, PlotPlayhead};
 use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseFit, PoseJointAngles, PosePin, PoseProcrustes};
@@ -38,7 +38,7 @@ use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, Reta
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
 use crate::skin::SkinLinearBlend;
 use crate::solve::SolveKeyWeights;
-use crate::style::StyleAssemble;
+use crate::style::{StyleAssemble, StyleFind};
 use crate::time::{RetimeApply, RetimeDtw, TimeFindHolds, TimeHold, TimeOffset, TimePick, TimeResample};
 use crate::track::{TrackAffine, TrackEigen};
 use crate::warp::WarpLayered;
@@ -148,6 +148,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<MarkersSmooth>()
         .recurrent::<MatteColorClusters>()
         .per_frame::<MatteFromImage>()
+        .per_frame::<MeshFeatures>()
         .whole::<MeshPin>()
         .recurrent::<MeshSilhouette>()
         .per_frame::<MeshSmooth>()
@@ -185,6 +186,7 @@ fn nodes(registry: Registry) -> Registry {
         .recurrent::<SkinLinearBlend>()
         .whole::<SolveKeyWeights>()
         .per_frame::<StyleAssemble>()
+        .whole::<StyleFind>()
         .whole::<TimeFindHolds>()
         .per_frame::<TimeHold>()
         .per_frame::<TimeOffset>()

@@ -102,6 +102,15 @@ impl Spans {
             (None, _) => own,
         }
     }
+
+    /// [`Spans::amounts`], and what there is of each example elsewhere, as far as no example's own range claims the time.
+    pub fn amounts_with(&self, time: f64, elsewhere: &[f64]) -> Vec<f64> {
+        let claimed: f64 = self.spans.iter().map(|s| s.influence(time)).sum();
+        let free = (1.0 - claimed).max(0.0);
+        let mut amounts = self.amounts(time);
+        amounts.iter_mut().zip(elsewhere).for_each(|(a, e)| *a += free * e);
+        amounts
+    }
 }
 
 /// How one joint differs from another: what is added in the space of logarithms.
@@ -189,9 +198,10 @@ impl MotionWarp {
         Self { spans, kinds, offsets }
     }
 
-    /// The motion at a time, whose own joints are `joints`; to the bit what it was where there is nothing of any example.
-    pub fn warp(&self, time: f64, joints: &[Joint]) -> Vec<Joint> {
-        let amounts = self.spans.amounts(time);
+    /// The motion at a time, whose own joints are `joints`, with so much of each example `elsewhere` ([`Spans::amounts_with`]); to the bit what it was where
+    /// there is nothing of any example.
+    pub fn warp(&self, time: f64, elsewhere: &[f64], joints: &[Joint]) -> Vec<Joint> {
+        let amounts = self.spans.amounts_with(time, elsewhere);
         let one = |(j, joint): (usize, &Joint)| {
             let mut by = Offset::default();
             for (offsets, h) in self.offsets.iter().zip(&amounts).filter(|(o, h)| **h != 0.0 && o[j] != Offset::default()) {
@@ -282,17 +292,17 @@ mod tests {
     #[test]
     fn an_example_is_met_and_both_ends_are_as_they_were() {
         let warp = warp(&[span(10.0, 4.0, 7.0)]);
-        assert!(apart(&warp.warp(10.0, &motion(10.0)), &example(0)) < 1e-12);
+        assert!(apart(&warp.warp(10.0, &[], &motion(10.0)), &example(0)) < 1e-12);
         for t in [-3.0, 6.0, 17.0, 40.0] {
-            assert_eq!(warp.warp(t, &motion(t)), motion(t));
+            assert_eq!(warp.warp(t, &[], &motion(t)), motion(t));
         }
         // Level at all three: what is displaced moves as the motion does there, within the square of the step.
         for (t, to) in [(6.0, motion(6.0)), (17.0, motion(17.0))] {
             let e = 1e-5;
-            assert!(apart(&warp.warp(t + e, &motion(t)), &to) < 1e-9 && apart(&warp.warp(t - e, &motion(t)), &to) < 1e-9);
+            assert!(apart(&warp.warp(t + e, &[], &motion(t)), &to) < 1e-9 && apart(&warp.warp(t - e, &[], &motion(t)), &to) < 1e-9);
         }
         let e = 1e-5;
-        assert!(apart(&warp.warp(10.0 + e, &motion(10.0)), &example(0)) < 1e-9);
+        assert!(apart(&warp.warp(10.0 + e, &[], &motion(10.0)), &example(0)) < 1e-9);
     }
 
     #[test]
@@ -300,16 +310,27 @@ mod tests {
         let spans = [span(10.0, 8.0, 9.0), span(14.0, 7.0, 7.0), span(17.0, 12.0, 4.0)];
         let warp = warp(&spans);
         for (k, s) in spans.iter().enumerate() {
-            assert!(apart(&warp.warp(s.frame, &motion(s.frame)), &example(k)) < 1e-12, "{k}");
+            assert!(apart(&warp.warp(s.frame, &[], &motion(s.frame)), &example(k)) < 1e-12, "{k}");
             // The solution near the frame is that at the frame: rounding is not hidden.
-            let near_by = warp.warp(s.frame + 1e-13, &motion(s.frame));
+            let near_by = warp.warp(s.frame + 1e-13, &[], &motion(s.frame));
             assert!(apart(&near_by, &example(k)) < 1e-9, "{k}");
         }
         for t in [2.0, 21.0, 30.0] {
-            assert_eq!(warp.warp(t, &motion(t)), motion(t));
+            assert_eq!(warp.warp(t, &[], &motion(t)), motion(t));
         }
         let added = Spans::new(spans.to_vec(), false).unwrap().amounts(14.0);
         assert!(added[0] > 0.1 && added[1] == 1.0 && added[2] > 0.1, "{added:?}");
+    }
+
+    #[test]
+    fn an_example_serves_elsewhere_but_not_in_anothers_place() {
+        let spans = [span(10.0, 4.0, 4.0), span(20.0, 4.0, 4.0)];
+        let warp = warp(&spans);
+        // All of the first example, far from both: what was added to the one joint is added to the other.
+        let there = warp.warp(40.0, &[1.0, 0.0], &motion(10.0));
+        assert!(apart(&there, &example(0)) < 1e-12);
+        assert!(apart(&warp.warp(20.0, &[1.0, 0.5], &motion(20.0)), &example(1)) < 1e-12, "an example is met whatever else there is");
+        assert_eq!(warp.warp(40.0, &[0.0, 0.0], &motion(40.0)), motion(40.0));
     }
 
     #[test]
@@ -317,7 +338,7 @@ mod tests {
         let warp = warp(&[span(10.0, 8.0, 8.0), span(12.0, 8.0, 8.0)]);
         for k in 0..40 {
             let t = 0.5 * f64::from(k);
-            let made = warp.warp(t, &motion(t));
+            let made = warp.warp(t, &[], &motion(t));
             assert!(made[1].translation.norm() > 0.0 && made.iter().all(|j| j.scale.iter().all(|s| *s > 0.0)), "{t}");
         }
     }
@@ -326,7 +347,7 @@ mod tests {
     fn turns_over_the_wrap_go_the_short_way() {
         let (a, b) = (joint([0.0, 0.0, 3.0], [0.0; 3], [1.0; 3]), joint([0.0, 0.0, 3.4], [0.0; 3], [1.0; 3]));
         let warp = MotionWarp::new(&[-1], Spans::new(vec![span(0.0, 2.0, 2.0)], true).unwrap(), &[(vec![a], vec![b])]);
-        let half = warp.warp(1.0, &[a]);
+        let half = warp.warp(1.0, &[], &[a]);
         assert!(apart(&half, &[joint([0.0, 0.0, 3.2], [0.0; 3], [1.0; 3])]) < 1e-12);
     }
 
@@ -336,7 +357,7 @@ mod tests {
         for (a, b) in [([0.0, 2.0, 0.0], [0.0, -1.0, 0.0]), ([0.0; 3], [1.0, 0.0, 0.0]), ([1.0, 0.0, 0.0], [0.0; 3])] {
             let pair = (vec![bone([0.0; 3]), bone(a)], vec![bone([0.0; 3]), bone(b)]);
             let warp = MotionWarp::new(&[-1, 0], Spans::new(vec![span(5.0, 2.0, 2.0)], true).unwrap(), std::slice::from_ref(&pair));
-            assert!(apart(&warp.warp(5.0, &pair.0), &pair.1) < 1e-12, "{a:?} {b:?}");
+            assert!(apart(&warp.warp(5.0, &[], &pair.0), &pair.1) < 1e-12, "{a:?} {b:?}");
         }
     }
 

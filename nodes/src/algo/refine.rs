@@ -116,8 +116,8 @@ fn pieces(t: [u32; 3], m: [Option<u32>; 3]) -> ([[u32; 3]; 4], usize) {
     }
 }
 
-/// Splits edges at their new points. Lists what the new vertices lie between.
-fn split(surface: &mut Surface, middles: &[Option<Vector3<f64>>]) -> Vec<[u32; 2]> {
+/// Splits edges at their new points, one or none for each. Lists what the new vertices lie between. Cost: O(n).
+pub fn split(surface: &mut Surface, middles: &[Option<Vector3<f64>>]) -> Vec<[u32; 2]> {
     let halves = 3 * surface.triangles.len();
     let (mut vertex_of, mut normal_of) = (vec![NONE; halves], vec![NONE; halves]);
     let mut between: Vec<[u32; 2]> = Vec::new();

@@ -150,6 +150,11 @@ impl<'a> Sight<'a> {
         Some((self.camera.pixel(&clip), near))
     }
 
+    /// What runs evenly over the picture, by which shares of an edge are weighted: nearness in perspective, 1 in an orthographic view.
+    pub fn evenly(&self, near: f64) -> f64 {
+        if self.orthographic { 1.0 } else { near }
+    }
+
     /// Depth along the camera's axis.
     pub fn depth(&self, near: f64) -> f64 {
         depth_of(near, self.orthographic)

@@ -267,7 +267,7 @@ fn characters_that_were_drawn_over_are_traced_corresponded_and_posed() {
         let traced = traced.run(&cx).unwrap();
         let anchors = places.iter().map(|&p| Anchor { render: Some(p), vertex: None, drawn: p }).collect();
         let pairs = CorrespondCurves {
-            silhouette: In::new(curves),
+            silhouette: List(vec![In::new(curves)]),
             drawn: List(vec![In::new(traced.curves)]),
             anchors: Anchors(anchors),
             render_markers: None,

@@ -34,8 +34,8 @@ use crate::render::within;
     example = "\"pairs\": (type: \"correspond.curves\", silhouette: \"@lines.curves\", drawn: \"@leg.curves\", anchors: [(render: (210.0, 138.0), drawn: (212.0, 140.0)), (vertex: 1840, drawn: (198.0, 330.0))])"
 )]
 pub(crate) struct CorrespondCurves {
-    /// The lines of the mesh.
-    pub(crate) silhouette: In<Curves>,
+    /// The lines of the mesh, one value or a list: `mesh.silhouette`'s, and your own of `mesh.features`.
+    pub(crate) silhouette: List<In<Curves>>,
     /// The curves of the drawing, one or a list.
     pub(crate) drawn: List<In<Curves>>,
     /// What belongs together: `render`, a pixel near a line of the mesh, or `vertex`, its number; and `drawn`, a pixel of the drawing.
@@ -105,8 +105,7 @@ impl CorrespondCurves {
     }
 
     /// The mesh's side of an anchor: an edge with a share, and the point of the lines that it is at.
-    fn on_mesh(&self, number: usize, anchor: &Anchor) -> Result<([u32; 2], f64, Option<usize>), NodeError> {
-        let lines = &self.silhouette;
+    fn on_mesh(&self, lines: &Curves, number: usize, anchor: &Anchor) -> Result<([u32; 2], f64, Option<usize>), NodeError> {
         if let Some(v) = anchor.vertex {
             // The point of an edge of that vertex that is next to it.
             let near = |i: usize| {
@@ -137,16 +136,26 @@ impl CorrespondCurves {
         }
     }
 
+    /// All lines of the mesh.
+    fn lines(&self) -> Result<Curves, NodeError> {
+        let mut lines = Curves::default();
+        for (i, own) in self.silhouette.0.iter().enumerate() {
+            own.validate().map_err(|e| NodeError::input(format!("silhouette {i}: {e}")))?;
+            if own.edges.is_empty() && !own.points.is_empty() {
+                return Err(
+                    NodeError::input("silhouette: expected lines of a mesh, found drawn curves").help("they come from mesh.silhouette")
+                );
+            }
+            lines.append(own);
+        }
+        Ok(lines)
+    }
+
     fn check_numbers(&self) -> Result<(), NodeError> {
         within("spacing", self.spacing, 0.0, 65536.0)?;
         within("snap", self.snap, 0.0, 65536.0)?;
         within("bridge", self.bridge, 0.0, 65536.0)?;
         within("anchor_weight", self.anchor_weight, 0.0, 1e6)?;
-        let lines = &self.silhouette;
-        lines.validate().map_err(|e| NodeError::input(format!("silhouette: {e}")))?;
-        if lines.edges.is_empty() && !lines.points.is_empty() {
-            return Err(NodeError::input("silhouette: expected lines of a mesh, found drawn curves").help("they come from mesh.silhouette"));
-        }
         for (i, curves) in self.drawn.0.iter().enumerate() {
             curves.validate().map_err(|e| NodeError::input(format!("drawn {i}: {e}")))?;
             if let Some(k) = curves.points.iter().position(|p| p.iter().any(|v| !v.is_finite())) {
@@ -161,7 +170,7 @@ impl PerFrame for CorrespondCurves {
     fn run(self, _cx: &Context) -> Result<CorrespondCurvesOutputs, NodeError> {
         self.check_numbers()?;
         let anchors = self.all_anchors()?;
-        let lines = &self.silhouette;
+        let lines = self.lines()?;
         let mut out = Correspondences::default();
         let mut push = |edge: [u32; 2], share: f64, point: [f64; 2], weight: f64| {
             out.edges.push(edge);
@@ -178,12 +187,12 @@ impl PerFrame for CorrespondCurves {
                     anchor.drawn
                 )));
             }
-            let (edge, share, line_point) = self.on_mesh(i + 1, anchor)?;
+            let (edge, share, line_point) = self.on_mesh(&lines, i + 1, anchor)?;
             push(edge, share, anchor.drawn, self.anchor_weight);
             ends.push(correspond::Anchor { line_point, drawn: anchor.drawn });
         }
         let options = Options { pairing: self.pairing, snap: self.snap, bridge: self.bridge, spacing: self.spacing };
-        let own = strands(lines);
+        let own = strands(&lines);
         let drawn: Vec<Strand<'_>> = self.drawn.0.iter().flat_map(|c| strands(c)).collect();
         let found = pair(&own, &lines.visible, &drawn, &ends, &options).map_err(|e| {
             NodeError::input(e.to_string()).help("set an anchor between them, or a wider `bridge`; render.correspondences shows the lines")

@@ -34,7 +34,7 @@ fn drawn() -> Curves {
 
 fn node(anchors: &str) -> CorrespondCurves {
     CorrespondCurves {
-        silhouette: In::new(lines()),
+        silhouette: List(vec![In::new(lines())]),
         drawn: List(vec![In::new(drawn())]),
         anchors: <Anchors as Setting>::parse(anchors).unwrap(),
         render_markers: None,
@@ -98,7 +98,7 @@ fn what_is_wrong_is_told_with_its_number() {
     let refused = |node: CorrespondCurves| run(node).map(|_| ()).unwrap_err().message;
     let far = refused(node("[(render: (200.0, 50.0), drawn: (0.0, 0.0))]"));
     assert_eq!(far, "anchor 1 at (200, 50): expected a line of the mesh within 12 px, found the nearest 120.0 px away");
-    let drawn_only = CorrespondCurves { silhouette: In::new(drawn()), ..node(TWO) };
+    let drawn_only = CorrespondCurves { silhouette: List(vec![In::new(drawn())]), ..node(TWO) };
     assert_eq!(refused(drawn_only), "silhouette: expected lines of a mesh, found drawn curves");
     let nan = refused(node("[(vertex: 3, drawn: (NaN, 0.0))]"));
     assert!(nan.starts_with("anchor 1: expected a finite place in the drawing"), "{nan}");

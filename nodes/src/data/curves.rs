@@ -66,6 +66,18 @@ impl Curves {
         self.points.extend(points);
     }
 
+    /// Adds the curves of another value, as they are.
+    pub fn append(&mut self, other: &Self) {
+        self.points.extend(&other.points);
+        self.lengths.extend(&other.lengths);
+        self.closed.extend(&other.closed);
+        self.ids.extend(&other.ids);
+        self.kinds.extend(&other.kinds);
+        self.visible.extend(&other.visible);
+        self.edges.extend(&other.edges);
+        self.shares.extend(&other.shares);
+    }
+
     /// What keeps the parts from being curves.
     ///
     /// # Errors

@@ -114,3 +114,60 @@ fn a_smooth_mesh_keeps_its_triangles_its_seams_and_its_rims() {
     assert!((volumes[0] / volumes[1] - 1.0).abs() < 1e-3, "{volumes:?}");
     assert_eq!(smooth(0), mesh);
 }
+
+fn features(paths: &str) -> Result<features::MeshFeaturesOutputs, NodeError> {
+    let paths = <features::Paths as pegbar_engine::setting::Setting>::parse(paths).unwrap();
+    let clock = clock(1);
+    let node = MeshFeatures { mesh: In::new(vase(0.0)), camera: In::new(camera()), paths };
+    node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() })
+}
+
+#[test]
+fn what_is_painted_on_a_mesh_lies_on_its_edges_where_it_was_painted() {
+    let out = features("[(points: [(120, 120), (150, 140), (180, 125)]), (vertices: [10, 50, 90]), (vertices: [0, 3, 123], closed: true)]")
+        .unwrap();
+    let (curves, mesh) = (&out.curves, vase(0.0));
+    assert_eq!(curves.validate(), Ok(()));
+    assert_eq!(
+        (out.count.value, &curves.kinds[..], &curves.ids[..], &curves.closed[..]),
+        (3.0, &[5, 5, 5][..], &[1, 2, 3][..], &[0, 0, 1][..])
+    );
+    let algo = AlgoCamera::try_from(&camera()).unwrap();
+    let painted = [[120.0, 120.0], [150.0, 140.0], [180.0, 125.0]];
+    let n = curves.lengths[0] as usize;
+    assert!(n > 6, "{n}");
+    let mut last = f64::NEG_INFINITY;
+    for i in 0..n {
+        let ([a, b], s) = (curves.edges[i].map(|v| mesh.positions[v as usize]), curves.shares[i]);
+        let [x, y, _] = algo.project([0, 1, 2].map(|k| a[k] + (b[k] - a[k]) * s));
+        assert!((x - curves.points[i][0]).abs() + (y - curves.points[i][1]).abs() < 1e-9);
+        let off = painted.windows(2).map(|w| {
+            let (d, p) = ([w[1][0] - w[0][0], w[1][1] - w[0][1]], [x - w[0][0], y - w[0][1]]);
+            let t = ((d[0] * p[0] + d[1] * p[1]) / (d[0] * d[0] + d[1] * d[1])).clamp(0.0, 1.0);
+            (p[0] - d[0] * t).hypot(p[1] - d[1] * t)
+        });
+        assert!(off.fold(f64::INFINITY, f64::min) < 1e-9 && x >= last && curves.visible[i] == 1, "point {i}");
+        last = x;
+    }
+    // Rings have 40 vertices: up the side, one above the other.
+    assert_eq!(curves.edges[n..n + 3], [[10, 10], [50, 50], [90, 90]]);
+}
+
+#[test]
+fn a_curve_that_is_none_is_told() {
+    let told = |paths: &str| features(paths).err().map(|e| e.message).unwrap_or_default();
+    assert_eq!(told("[(points: [(1, 1), (4, 4)])]"), "curve 1: expected a curve across two or more edges of the mesh, found 0");
+    assert_eq!(told("[(vertices: [1, 99999])]"), "expected vertices below 840, found 99999");
+    assert!(told("[(uvs: [(0, 0), (1, 1)])]").starts_with("mesh: expected places on a texture"));
+    let problems = |paths: &str| {
+        let paths = <features::Paths as pegbar_engine::setting::Setting>::parse(paths).unwrap();
+        MeshFeatures { mesh: In::new(vase(0.0)), camera: In::new(camera()), paths }
+            .check()
+            .into_iter()
+            .map(|p| p.message)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(problems("[(points: [(1, 1)])]"), ["curve 1: expected two or more of either vertices, points or uvs, found [0, 1, 0]"]);
+    assert_eq!(problems("[(vertices: [1, 2], uvs: [(0, 0), (1, 1)])]").len(), 1);
+    assert_eq!(problems("[(vertices: [1, 2])]"), Vec::<String>::new());
+}

@@ -118,6 +118,8 @@ pub(crate) struct MotionWarp {
     /// Frames before and after an edit where it does not say.
     #[input(default = 6.0, range = 0.0..=1000000.0, unit = "frames")]
     transition: f64,
+    /// How much of each edit there is to be elsewhere too, in the edits' order, as `style.find` says; its timing is not taken there.
+    elsewhere: Option<Sequence<Vector>>,
 }
 
 /// The motion, and how it came about.
@@ -245,6 +247,25 @@ impl MotionWarp {
     }
 }
 
+impl MotionWarp {
+    /// How much of each edit there is elsewhere at each of `n` frames.
+    fn elsewhere(&self, n: usize) -> Result<Vec<Vec<f64>>, NodeError> {
+        let Some(given) = &self.elsewhere else { return Ok(vec![Vec::new(); n]) };
+        let (edits, last) = (self.edits.0.len(), given.len().saturating_sub(1));
+        if given.is_empty() || (given.clock().is_some() && given.len() != n) {
+            return Err(NodeError::input(format!("elsewhere: expected {n} frames as the motion has, found {}", given.len())));
+        }
+        let one = |k: usize| {
+            let values = given.get(k.min(last))?.values.clone();
+            match values.len() == edits && values.iter().all(|v| v.is_finite()) {
+                true => Ok(values),
+                false => Err(NodeError::input(format!("elsewhere: expected a finite number for each of {edits} edits, found {values:?}"))),
+            }
+        };
+        (0..n).map(one).collect()
+    }
+}
+
 impl Whole for MotionWarp {
     fn check(&self) -> Vec<Problem> {
         let wrong = self.edits.0.iter().enumerate().filter_map(|(at, e)| e.wrong(at));
@@ -276,12 +297,17 @@ impl Whole for MotionWarp {
         });
         let pairs = pairs.collect::<Result<Vec<_>, NodeError>>()?;
         let warp = Warp::new(&self.skeleton.parents, spans.clone(), &pairs);
+        let elsewhere = self.elsewhere(n)?;
         let (mut pose, mut amounts) = (Vec::with_capacity(n), Vec::with_capacity(n));
         for (k, &shown) in times.iter().enumerate() {
             cx.check()?;
-            let values = spans.amounts(time(k));
+            let values = spans.amounts_with(time(k), &elsewhere[k]);
             let is_own = shown == time(k) && values.iter().all(|a| *a == 0.0);
-            pose.push(if is_own { (*motion.poses[k]).clone() } else { warp.warp(time(k), &motion.at(shown)).into_iter().collect() });
+            pose.push(if is_own {
+                (*motion.poses[k]).clone()
+            } else {
+                warp.warp(time(k), &elsewhere[k], &motion.at(shown)).into_iter().collect()
+            });
             amounts.push(Vector { values });
         }
         Ok(MotionWarpOutputs { pose: Stream(pose), times: TimeMap { source_frames: times }, amounts: Stream(amounts) })

@@ -102,6 +102,8 @@ pub(crate) struct StyleAssemble {
     /// What becomes of normals.
     #[input(default = turn)]
     normals: Normals,
+    /// How much of each example there is to be elsewhere too, in the fields' order, as `style.find` says.
+    elsewhere: Option<In<Vector>>,
 }
 
 /// The mesh, and how it came about.
@@ -136,7 +138,11 @@ impl PerFrame for StyleAssemble {
             return Err(refused(format!("examples: expected one for each of {fields} fields, found {examples}")));
         }
         let spans = self.spans().map_err(|e| refused(format!("examples: {e}")))?;
-        let mut values = spans.amounts(cx.frame as f64);
+        let elsewhere = self.elsewhere.as_ref().map_or(&[][..], |e| &e.values);
+        if self.elsewhere.is_some() && (elsewhere.len() != fields || elsewhere.iter().any(|v| !v.is_finite())) {
+            return Err(NodeError::input(format!("elsewhere: expected a finite number for each of {fields} fields, found {elsewhere:?}")));
+        }
+        let mut values = spans.amounts_with(cx.frame as f64, elsewhere);
         values.iter_mut().for_each(|v| *v *= self.amount);
         let mesh = &*self.mesh;
         for field in &self.fields.0 {

@@ -328,3 +328,72 @@ fn what_cannot_be_is_told_in_words() {
     let few = format!(r#"{} "x": (type: "style.assemble", mesh: "@posed", fields: ["@along"], examples: []),"#, far.replace("999999", "9"));
     assert_eq!(try_run(&few, &["x.mesh"]).unwrap_err(), "examples: expected one for each of 1 fields, found 0");
 }
+
+#[test]
+fn a_drawing_serves_again_where_the_motion_comes_back() {
+    let cycle = OTTER.replace("frames: [1, 24], poses: [1, 2]", "frames: [1, 5, 9, 13, 17, 21], poses: [1, 2, 1, 2, 1, 2]");
+    let edits = r#"[(frame: 9, before: 3, after: 3, joints: [(joint: "head", rotate_deg: (0, 0, 20), length: 1.3)])]"#;
+    let nodes = format!(
+        r#"{cycle} "camera": (type: "camera.orthographic", scale: 300.0, size: (512, 512), target: (0.0, 0.5, 0.0)),
+        "again": (type: "style.find", skeleton: "@who.skeleton", pose: "@moves.pose", frames: [9], transition: 3.0, tolerance: 0.1),
+        "warp": (type: "motion.warp", skeleton: "@who.skeleton", pose: "@moves.pose", edits: {edits}, elsewhere: "@again.amounts"),
+        "posed": (type: "skin.linear_blend", mesh: "@who.mesh", skeleton: "@who.skeleton", pose: "@warp.pose", precision: double),
+        "pose9": (type: "time.pick", stream: "@warp.pose", frame: 9), "mesh9": (type: "time.pick", stream: "@posed", frame: 9),
+        "field": (type: "warp.layered", correspondences: [(vertex: 10, point: (200, 300))], mesh: "@who.mesh", skeleton: "@who.skeleton", pose: "@pose9", camera: "@camera"),
+        "lift": (type: "field.lift", field: "@field", mesh: "@mesh9", camera: "@camera"),
+        "along": (type: "field.propagate", field: "@lift", mesh: "@who.mesh", skeleton: "@who.skeleton", pose: "@warp.pose", frame: 9),
+        "styled": (type: "style.assemble", mesh: "@posed", fields: ["@along"], examples: [(frame: 9, before: 3, after: 3)], elsewhere: "@again.amounts"),
+        "plain": (type: "skin.linear_blend", mesh: "@who.mesh", skeleton: "@who.skeleton", pose: "@moves.pose", precision: double),"#
+    );
+    let values = run(&nodes, &["again.amounts", "styled.mesh", "plain.mesh", "again.distances"]);
+    let amounts: Vec<f64> = all::<Vector>(&values[0]).iter().map(|v| v.values[0]).collect();
+    let (styled, plain) = (all::<Mesh>(&values[1]), all::<Mesh>(&values[2]));
+    let apart = |a: &Mesh, b: &Mesh| {
+        a.positions.iter().zip(&b.positions).flat_map(|(p, q)| (0..3).map(move |k| (p[k] - q[k]).abs())).fold(0.0, f64::max)
+    };
+    assert!(amounts[16] > 1.0 - 1e-9 && amounts[8] == 0.0 && amounts[12] == 0.0, "{amounts:?}");
+    assert!(apart(&styled[8], &plain[8]) > 0.01, "the drawing changes something");
+    assert!(apart(&styled[16], &styled[8]) < 1e-9, "at its like the figure is as it is drawn");
+    assert_eq!(styled[12], plain[12], "between them it is itself");
+    // Nothing is known of a frame that there is not.
+    let wrong = nodes.replace("frames: [9], tr", "frames: [99], tr");
+    assert_eq!(try_run(&wrong, &["again.amounts"]).unwrap_err(), "frames: expected a frame from 1 to 24, found 99");
+    let few = nodes.replace(
+        "fields: [\"@along\"], examples: [(frame: 9, before: 3, after: 3)]",
+        "fields: [\"@along\", \"@along\"], examples: [(frame: 9), (frame: 20)]",
+    );
+    assert!(try_run(&few, &["styled.mesh"]).unwrap_err().starts_with("elsewhere: expected a finite number for each of 2 fields"));
+}
+
+#[test]
+fn a_coarse_mesh_is_made_denser_where_it_is_drawn_bent() {
+    let base = r#""who": (type: "cel.character", character: otter), "pose": (type: "cel.character_pose", pose: walk_contact),
+        "camera": (type: "camera.orthographic", scale: 300.0, size: (512, 512), target: (0.0, 0.5, 0.0)),"#;
+    let field = |rest: &str| {
+        format!(
+            r#"{base} "field": (type: "warp.layered", correspondences: [(vertex: 10, point: (200, 300)), (edge: (900, 901), share: 0.25, point: (300, 200))],
+            mesh: "@who.mesh", skeleton: "@who.skeleton", pose: "@pose", camera: "@camera", over: picture{rest}),
+            "posed": (type: "skin.linear_blend", mesh: "@field.mesh", skeleton: "@who.skeleton", pose: "@pose"),"#
+        )
+    };
+    let of = |rest: &str| {
+        let v = run(&field(rest), &["field.mesh", "field.bend", "field.field", "field.residual", "posed.mesh"]);
+        let mesh = all::<crate::data::SkinnedMesh>(&v[0])[0].clone();
+        let vectors = all::<Field2>(&v[2])[0].vectors.len();
+        assert_eq!(vectors, mesh.positions.len());
+        assert_eq!(all::<Mesh>(&v[4])[0].positions.len(), vectors);
+        (mesh, all::<Curve>(&v[1])[0].value, all::<Vector>(&v[3])[0].values.iter().copied().fold(0.0, f64::max))
+    };
+    let (own, none, before) = of("");
+    let (same, most, _) = of(", tessellate: 1000.0");
+    assert!(none == 0.0 && most > 0.0 && same == own);
+    let tolerance = most / 3.0;
+    let (once, bend, _) = of(&format!(", tessellate: {tolerance}, tessellate_rounds: 1"));
+    let (dense, less, residual) = of(&format!(", tessellate: {tolerance}, tessellate_rounds: 6"));
+    assert!(own.positions.len() < once.positions.len() && once.positions.len() <= dense.positions.len());
+    assert!(bend < most && less <= tolerance && residual < before + 0.5, "{most} {bend} {less} {before} {residual}");
+    assert_eq!(&dense.positions[..own.positions.len()], &own.positions[..], "the vertices that were there keep their numbers");
+    assert!(dense.triangles.len() < 4 * own.triangles.len(), "only where it is bent: {} of {}", dense.triangles.len(), own.triangles.len());
+    let surface = field(", tessellate: 0.25").replace("over: picture", "over: harmonic");
+    assert!(try_run(&surface, &["field.field"]).unwrap_err().starts_with("tessellate: expected a warp over layers or the picture"));
+}

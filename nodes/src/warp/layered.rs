@@ -3,7 +3,8 @@
 //! **Method** each bone has a free-form deformation of its own, fitted to the correspondences that it moves ([`crate::algo::layered_warp`],
 //! [`crate::algo::mffd`]): levels of cubic B-splines one after another, each of which folds nowhere. Vertices go with the mean of their bones' layers,
 //! by skin weights, so that limbs that cover each other in the picture move by themselves. Or the displacements are spread over the surface
-//! ([`crate::algo::surface_field`]), which knows no picture at all.
+//! ([`crate::algo::surface_field`]), which knows no picture at all. Where triangles are too large for what is drawn, they may be made smaller first
+//! ([`crate::algo::tessellate`]).
 //!
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, sections 3.3 and 3.4; Lee, Chwa, Hahn, Shin 1995; Choi, Lee 2000.
 //!
@@ -18,7 +19,9 @@
 //! ),
 //! ```
 
-use pegbar_engine::node::{Context, In, NodeError, PerFrame};
+use std::sync::Arc;
+
+use pegbar_engine::node::{Context, Fault, In, NodeError, PerFrame};
 use pegbar_engine::value::{Curve, Vector};
 use pegbar_engine::{Node, Outputs, Setting};
 
@@ -27,7 +30,8 @@ use crate::algo::layered_warp::{Layered, Layering, Missing, Pair, Posed, folds, 
 use crate::algo::mffd::{Combine, Options};
 use crate::algo::skin::Skin;
 use crate::algo::surface_field::{Smooth, spread};
-use crate::data::{Camera, Correspondences, Field2, Pose, Skeleton, SkinnedMesh};
+use crate::algo::tessellate::{MOST, Skinned, bent, halves, moved_place};
+use crate::data::{Camera, Correspondences, Field2, Mesh, Pose, Skeleton, SkinnedMesh};
 use crate::skin::motions;
 
 /// What displacements are spread over.
@@ -47,7 +51,7 @@ pub(crate) enum Over {
 #[derive(Node)]
 #[node(
     id = "warp.layered",
-    version = 1,
+    version = 2,
     outputs = WarpLayeredOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, sections 3.3-3.4; Lee, Chwa, Hahn, Shin 1995; Choi, Lee 2000",
     example = "\"field\": (type: \"warp.layered\", correspondences: \"@pairs\", mesh: \"@ant.mesh\", skeleton: \"@ant.skeleton\", pose: \"@ant.pose\", camera: \"@camera\")"
@@ -87,6 +91,13 @@ pub(crate) struct WarpLayered {
     /// Levels that are composed fold nowhere; levels that are added up (Lee, Wolberg, Shin 1997) come nearer, and fold.
     #[input(default = composed)]
     pub(super) combine: Combine,
+    /// Edges whose middle is drawn further than this from the middle of its ends are halved, so that coarse meshes bend too. 0 halves none; only in layers or the
+    /// picture. The `field` is one of the `mesh` that comes out.
+    #[input(default = 0.0, range = 0.0..=1000.0, unit = "px")]
+    pub(super) tessellate: f64,
+    /// How often an edge is halved at most, and its halves.
+    #[input(default = 4, range = 1..=8)]
+    pub(super) tessellate_rounds: u32,
 }
 
 /// The warp, and how well it went.
@@ -100,16 +111,48 @@ pub(crate) struct WarpLayeredOutputs {
     pub(super) least_growth: Curve,
     /// Triangles that turn over in the picture, by their numbers.
     pub(super) folds: Vector,
+    /// The mesh at rest, denser where it was asked for: the same surface, for what comes after.
+    pub(super) mesh: SkinnedMesh,
+    /// How far the middle of any edge is drawn from the middle of its ends, pixels; 0 where it was not asked.
+    pub(super) bend: Curve,
 }
 
 fn refused(error: impl std::fmt::Display) -> NodeError {
     NodeError::input(error.to_string())
 }
 
+impl From<&SkinnedMesh> for Skinned {
+    fn from(mesh: &SkinnedMesh) -> Self {
+        let influences = mesh.joints.shape()[1];
+        let row = |v: usize| v * influences..(v + 1) * influences;
+        let bound = |v: usize| mesh.joints.data()[row(v)].iter().copied().zip(mesh.weights.data()[row(v)].iter().copied()).collect();
+        Self {
+            bound: (0..mesh.positions.len()).map(bound).collect(),
+            positions: mesh.positions.clone(),
+            triangles: mesh.triangles.to_vec(),
+            uvs: mesh.uvs.to_vec(),
+            normals: mesh.normals.clone(),
+            colors: mesh.colors.to_vec(),
+        }
+    }
+}
+
+/// A mesh with as many influences a vertex as any needs, bound as another is.
+fn bound_as(dense: Skinned, mesh: &SkinnedMesh) -> Result<SkinnedMesh, NodeError> {
+    let n = dense.bound.iter().map(Vec::len).fold(0, usize::max);
+    let padded = dense.bound.iter().flat_map(|own| (0..n).map(|k| own.get(k).copied().unwrap_or_default()));
+    let (joints, weights) = padded.unzip();
+    let Skinned { positions, triangles, uvs, normals, colors, .. } = dense;
+    let surface = Mesh { positions, triangles: Arc::new(triangles), uvs: Arc::new(uvs), normals, colors: Arc::new(colors) };
+    SkinnedMesh::new(surface, n, joints, weights, &mesh.inverse_bind()).map_err(|e| NodeError::input(format!("mesh: {e}")))
+}
+
+/// The pairs, the mesh that they are on, and how much any of its edges is bent.
+type Dense = (Vec<Pair>, SkinnedMesh, f64);
+
 impl WarpLayered {
     /// The mesh as it stands in the world.
-    fn posed(&self) -> Result<Vec<[f64; 3]>, NodeError> {
-        let mesh = &self.mesh;
+    fn posed(&self, mesh: &SkinnedMesh) -> Result<Vec<[f64; 3]>, NodeError> {
         let motions = motions(&self.skeleton, &self.pose, mesh)?;
         let skin = Skin::new(&mesh.positions, &[], mesh.joints.shape()[1], mesh.joints.data(), mesh.weights.data(), mesh.n_joints());
         let moved = skin.map_err(|e| NodeError::input(format!("mesh: {e}")))?.pose(&motions, false);
@@ -123,6 +166,43 @@ impl WarpLayered {
         Layering { layers, missing: self.missing, least_weight: self.least_weight, cells: self.cells as usize, fit }
     }
 
+    /// The warp over the picture.
+    fn over_picture(&self, mesh: &SkinnedMesh, pairs: &[Pair], camera: &Viewed) -> Result<Layered, NodeError> {
+        let posed = Posed {
+            positions: &self.posed(mesh)?,
+            triangles: &mesh.triangles,
+            influences: mesh.joints.shape()[1],
+            joints: mesh.joints.data(),
+            weights: mesh.weights.data(),
+            parents: &self.skeleton.parents,
+        };
+        layered(&posed, pairs, camera, &self.how()).map_err(refused)
+    }
+
+    /// Makes the mesh denser where the warp asks for it.
+    fn dense(&self, mut pairs: Vec<Pair>, camera: &Viewed, cx: &Context) -> Result<Dense, NodeError> {
+        let (mut mesh, mut bend) = ((*self.mesh).clone(), 0.0);
+        for round in 0..=self.tessellate_rounds {
+            cx.check()?;
+            let mut dense = Skinned::from(&mesh);
+            let surface = dense.surface().map_err(|e| NodeError::input(format!("mesh: {e}")))?;
+            let asked = bound_as(dense.with_middles(&surface), &mesh)?;
+            let field = self.over_picture(&asked, &pairs, camera)?.field;
+            let (wanted, most) = bent(&surface, &field, self.tessellate);
+            bend = most;
+            if round == self.tessellate_rounds || most <= self.tessellate || surface.triangles.len() > MOST {
+                break;
+            }
+            let between = dense.split(surface.clone(), &wanted);
+            let halves = halves(&surface, &between);
+            for pair in &mut pairs {
+                (pair.edge, pair.share) = moved_place((pair.edge, pair.share), &surface, &halves);
+            }
+            mesh = bound_as(dense, &mesh)?;
+        }
+        Ok((pairs, mesh, bend))
+    }
+
     fn over_surface(&self, positions: &[[f64; 3]], pairs: &[Pair], camera: &Viewed, smooth: Smooth) -> Result<Layered, NodeError> {
         let from = places(pairs, positions, camera).map_err(refused)?;
         let by: Vec<_> = pairs.iter().zip(&from).map(|(p, f)| [p.point[0] - f[0], p.point[1] - f[1]]).collect();
@@ -134,32 +214,32 @@ impl WarpLayered {
 }
 
 impl PerFrame for WarpLayered {
-    fn run(self, _cx: &Context) -> Result<WarpLayeredOutputs, NodeError> {
+    fn run(self, cx: &Context) -> Result<WarpLayeredOutputs, NodeError> {
         let camera = Viewed::try_from(&*self.camera).map_err(|e| NodeError::input(format!("camera: {e}")))?;
-        let positions = self.posed()?;
-        let (mesh, given) = (&self.mesh, &self.correspondences);
+        let given = &self.correspondences;
         let pair = |k: usize| Pair { edge: given.edges[k], share: given.shares[k], point: given.points[k], weight: given.weight(k) };
         let pairs: Vec<Pair> = (0..given.len()).map(pair).collect();
-        let found = match self.over {
-            Over::Harmonic => self.over_surface(&positions, &pairs, &camera, Smooth::Harmonic)?,
-            Over::Biharmonic => self.over_surface(&positions, &pairs, &camera, Smooth::Biharmonic)?,
-            Over::Layers | Over::Picture => {
-                let posed = Posed {
-                    positions: &positions,
-                    triangles: &mesh.triangles,
-                    influences: mesh.joints.shape()[1],
-                    joints: mesh.joints.data(),
-                    weights: mesh.weights.data(),
-                    parents: &self.skeleton.parents,
-                };
-                layered(&posed, &pairs, &camera, &self.how()).map_err(refused)?
+        let over_picture = matches!(self.over, Over::Layers | Over::Picture);
+        let (pairs, mesh, bend) = match self.tessellate > 0.0 {
+            true if over_picture => self.dense(pairs, &camera, cx)?,
+            true => {
+                let message = "tessellate: expected a warp over layers or the picture, found one over the surface";
+                return Err(NodeError::new(Fault::Parameters, message));
             }
+            false => (pairs, (*self.mesh).clone(), 0.0),
+        };
+        let found = match self.over {
+            Over::Harmonic => self.over_surface(&self.posed(&mesh)?, &pairs, &camera, Smooth::Harmonic)?,
+            Over::Biharmonic => self.over_surface(&self.posed(&mesh)?, &pairs, &camera, Smooth::Biharmonic)?,
+            Over::Layers | Over::Picture => self.over_picture(&mesh, &pairs, &camera)?,
         };
         Ok(WarpLayeredOutputs {
             field: Field2 { vectors: found.field },
             residual: Vector { values: found.residuals },
             least_growth: Curve { value: found.growth },
             folds: Vector { values: found.folds.iter().map(|t| *t as f64).collect() },
+            mesh,
+            bend: Curve { value: bend },
         })
     }
 }

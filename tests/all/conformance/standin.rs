@@ -199,6 +199,7 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
         (list, _) if list.starts_with("list of limbs") => texts(&["[(\"a\", \"b\")]", "[(\"b\", \"a\")]"]),
         (list, _) if list.starts_with("list of chains") => texts(&["[[\"a\", \"b\"]]", "[[\"b\", \"a\"]]"]),
         (list, _) if list.starts_with("list of edits") => texts(&["[(frame: 2, before: 1, shows: 2.5)]", "[(frame: 3, after: 2)]"]),
+        (list, _) if list.starts_with("list of curves") => texts(&["[(vertices: [0, 1])]", "[(vertices: [1, 2], closed: true)]"]),
         (list, _) if list.starts_with("list of examples") => texts(&["[(frame: 2)]", "[(frame: 3, before: 1)]"]),
         ("path to read", "io.read_gltf") => texts(&["\"a.gltf\"", "\"b.gltf\""]),
         ("path to read", "io.read_image") => texts(&["\"a.0001.png\"", "\"b.0001.png\""]),
