@@ -58,6 +58,9 @@ fn skinning(c: &mut Criterion) {
             b.iter(|| skin.pose(black_box(&motions), narrow))
         });
     }
+    // What must move in 32 bits: 12 bytes of place, 16 of weights and 16 of joints in, 24 out. A copy reads as much as it writes.
+    let bytes = vec![1_u8; n * (12 + 16 + 16 + 24) / 2];
+    c.bench_function("skinning, copy of as many bytes as one frame moves in 32 bits", |b| b.iter(|| black_box(&bytes).clone()));
 }
 
 criterion_group!(benches, deformations, skinning);
