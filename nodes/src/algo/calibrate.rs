@@ -1,13 +1,19 @@
 //! The camera that an animator had in mind: that under which capture is most like the drawings.
 //!
 //! The animator's camera of Jain, Sheikh, Hodgins 2009, section 3.1, is set by hand. Its direction is in the drawings: the time warp of descriptors (section
-//! 3.3) costs least where it is right. A grid of directions about the given one, then a compass search with halved steps (Hooke and Jeeves 1961).
+//! 3.3) costs least where it is right. A grid of directions about the given one, then a compass search with halved steps (Hooke and Jeeves 1961); then least
+//! squares, which noise of the drawn markers leaves where it is.
+
+mod refine;
+
+pub use refine::Refinement;
 
 use nalgebra::{Matrix4, Unit, UnitQuaternion, Vector3};
 
 use super::camera::Camera;
 use super::dtw::{DtwError, Metric, Options, Series, SeriesError, dtw};
 use super::pose_descriptor::{Reference, angles, length, true_lengths};
+use refine::Refine;
 
 /// Where is looked for the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,6 +24,8 @@ pub struct Search {
     pub step_deg: f64,
     /// True where limbs count by how much of their lengths the camera sees.
     pub foreshortening: bool,
+    /// How the cheapest warp's direction is refined.
+    pub refinement: Refinement,
 }
 
 /// What was found.
@@ -31,6 +39,8 @@ pub struct Found {
     pub cost_before: f64,
     /// How much larger the drawings are than the capture as that camera sees it.
     pub scale: f64,
+    /// Variance of azimuth and elevation, and between them their covariance, square degrees; NaN where nothing was refined.
+    pub covariance: [[f64; 2]; 2],
 }
 
 /// Why no camera was found.
@@ -81,6 +91,8 @@ pub struct Views<'a> {
     pub captured: &'a [Vec<[f64; 3]>],
     /// Limbs of the descriptor.
     pub limbs: &'a [[usize; 2]],
+    /// Limbs of the refinement: as many as drawings and capture have in common, those across hips and shoulders above all.
+    pub bones: &'a [[usize; 2]],
 }
 
 impl Views<'_> {
@@ -176,8 +188,14 @@ impl Views<'_> {
                 step /= 2.0;
             }
         }
+        let mut covariance = [[f64::NAN; 2]; 2];
+        if search.refinement != Refinement::Off && !self.bones.is_empty() {
+            let refine = Refine { views: self, camera, range_deg: search.range_deg, refinement: search.refinement, options };
+            let refined = refine.run(turn)?;
+            (turn, covariance) = (refined.turn_deg, refined.covariance.into());
+        }
         let camera = turned(camera, middle, turn);
-        let path = self.cost(&drawn, &camera, search, options)?.1;
-        Ok(Found { turn_deg: turn, cost: best, cost_before: before, scale: self.scale(&camera, &path) })
+        let (cost, path) = self.cost(&drawn, &camera, search, options)?;
+        Ok(Found { turn_deg: turn, cost, cost_before: before, scale: self.scale(&camera, &path), covariance })
     }
 }
