@@ -1,7 +1,7 @@
 //! `lift.linear`: drawn markers lifted into space, near capture and with limbs of their lengths.
 //!
 //! **Method** see [`crate::algo::lift`]: linear least squares of each frame, limb by limb in O(markers); in a linear space of poses where there is a
-//! `basis`. As it stands this is the paper's; `relinearize`, `length_mode`, `depth_weight`, `smooth_weight` and `stretch` go beyond it.
+//! `basis`. As it stands this is the paper's; `relinearize`, `length_mode`, `depth_weight`, `smooth_weight`, `accents` and `stretch` go beyond it.
 //!
 //! **Source** Jain, Sheikh, Hodgins, *Leveraging the Talent of Hand Animators to Create Three-Dimensional Animation*, 2009, section 3.5, equations 5 to 16.
 //!
@@ -40,7 +40,7 @@ pub(crate) enum LengthMode {
 #[derive(Node)]
 #[node(
     id = "lift.linear",
-    version = 1,
+    version = 2,
     kind = whole,
     outputs = LiftLinearOutputs,
     source = "Jain, Sheikh, Hodgins 2009, section 3.5, eqs. 5 to 16",
@@ -85,6 +85,10 @@ pub(crate) struct LiftLinear {
     /// How much second differences over time count, of what the lift adds to the capture: the tremble of drawn markers goes, the capture's snap stays.
     #[input(default = 0.0, range = 0.0..=1e9)]
     smooth_weight: f64,
+    /// Second differences that are so many times the usual ones are accents, which `smooth_weight` leaves: contacts and snaps that are drawn, though not
+    /// captured. 3 is a good start; 0 smooths all alike.
+    #[input(default = 0.0, range = 0.0..=1000.0)]
+    accents: f64,
     /// A linear space of poses of the same markers, as of `basis.pca`.
     basis: Option<In<Basis>>,
     /// What the space does.
@@ -129,6 +133,7 @@ impl LiftLinear {
             prior_weight: self.prior_weight,
             depth_weight: self.depth_weight,
             smooth_weight: self.smooth_weight,
+            accents: self.accents,
             basis_weight: self.basis_weight,
             weighting: self.weighting,
             rows: self.limb_rows,

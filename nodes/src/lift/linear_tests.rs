@@ -52,6 +52,7 @@ fn node(markers: Sequence<Markers2>, prior: Sequence<Markers3>) -> LiftLinear {
         stretch: 0.0,
         depth_weight: 0.0,
         smooth_weight: 0.0,
+        accents: 0.0,
         basis: None,
         basis_mode: BasisMode::Hard,
         basis_weight: 0.1,

@@ -255,7 +255,7 @@ impl<'a> Lift<'a> {
             let all = known.iter().zip(&x).enumerate();
             let systems = all.map(|(k, (known, x))| self.system(known, x).map_err(|e| (k, e))).collect::<Result<Vec<_>, _>>()?;
             let priors: Vec<&Pose> = known.iter().map(|k| &k.frame.prior).collect();
-            let next = temporal::solve(&systems, &priors, self.options.squared(self.options.smooth_weight))?;
+            let next = temporal::solve(&systems, &priors, self.options.smoothing())?;
             let moved = x.iter().zip(&next).map(|(a, b)| farthest(a, b)).fold(0.0, f64::max);
             x = next;
             if round == self.options.relinearize || moved < 1e-9 {

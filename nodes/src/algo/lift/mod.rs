@@ -21,6 +21,8 @@ pub use tree::Tree;
 
 use pegbar_engine::Setting;
 
+use crate::algo::smoothness::Smoothing;
+
 /// How the weights of equation 5 enter the rows of equation 11.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Setting)]
 pub enum Weighting {
@@ -64,6 +66,8 @@ pub struct Options {
     pub depth_weight: f64,
     /// How much second differences over time count, of what the lift adds to the capture.
     pub smooth_weight: f64,
+    /// Second differences that are so many times the usual ones are accents, which are left: contacts, snaps. 0 prices all alike.
+    pub accents: f64,
     /// How much a soft subspace counts.
     pub basis_weight: f64,
     /// Roots, or literally.
@@ -83,12 +87,18 @@ impl Options {
         prior_weight: 0.1,
         depth_weight: 0.0,
         smooth_weight: 0.0,
+        accents: 0.0,
         basis_weight: 0.0,
         weighting: Weighting::Sqrt,
         rows: LimbRows::Unscaled,
         relinearize: 0,
         stretch: 0.0,
     };
+
+    /// The price of second differences.
+    fn smoothing(&self) -> Smoothing {
+        Smoothing { strength: self.squared(self.smooth_weight), accents: self.accents }
+    }
 
     /// Of a squared norm.
     fn squared(&self, weight: f64) -> f64 {

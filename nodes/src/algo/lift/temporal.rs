@@ -2,33 +2,37 @@
 //!
 //! Conjugate gradients, each frame's own system as the preconditioner. A constraint of a frame is kept by every step, since its solver keeps it.
 
-use nalgebra::Vector3;
-
 use super::LiftError;
 use super::linear::{Pose, System};
 use super::subspace::inner;
+use crate::algo::smoothness::{Bends, Smoothing, bends};
 
 /// Steps at most; they are usually some dozens.
 const STEPS: usize = 400;
 
-/// D of the second differences, transposed, times D, times `x`: its own adjoint.
-fn bent(x: &[Pose], weight: f64, y: &mut [Pose]) {
-    for k in 1..x.len() - 1 {
-        for m in 0..x[k].len() {
-            let second: Vector3<f64> = (x[k - 1][m] - 2.0 * x[k][m] + x[k + 1][m]) * weight;
-            y[k - 1][m] += second;
-            y[k][m] -= 2.0 * second;
-            y[k + 1][m] += second;
+/// Dᵀ W D times `x`, D the second differences and W their prices: its own adjoint.
+fn bent(x: &[Pose], bends: &Bends, y: &mut [Pose]) {
+    for (k, y) in y.iter_mut().enumerate() {
+        for (j, factor) in bends.stencil(k).into_iter().enumerate().filter(|(_, f)| *f != 0.0) {
+            if let Some(other) = (k + j).checked_sub(2).and_then(|at| x.get(at)) {
+                y.iter_mut().zip(other).for_each(|(y, x)| *y += x * factor);
+            }
         }
     }
 }
 
-/// What `bent` has on its diagonal.
-fn diagonal(k: usize, n: usize) -> f64 {
-    // Middle of the difference about k, and end of those about its neighbours.
-    let is_middle = |j: Option<usize>| j.is_some_and(|j| j >= 1 && j + 1 < n);
-    let of = |j: Option<usize>, w: f64| if is_middle(j) { w } else { 0.0 };
-    of(Some(k), 4.0) + of(k.checked_sub(1), 1.0) + of(Some(k + 1), 1.0)
+/// Prices of the second differences of what frames, each on its own, add to `priors`: less where they bend many times as hard as they mostly do.
+fn prices(systems: &[System], priors: &[Pose], smoothing: Smoothing) -> Result<Bends, (usize, LiftError)> {
+    let count = systems.len().saturating_sub(2);
+    if smoothing.accents <= 0.0 {
+        return Ok(Bends::new(smoothing, &vec![1.0; count]));
+    }
+    let own = |(k, s): (usize, &System)| {
+        let alone = s.solver(0.0).map_err(|e| (k, e))?.solve(&s.right(), true).ok_or((k, LiftError::Undetermined))?;
+        Ok(alone.iter().zip(&priors[k]).flat_map(|(x, p)| <[f64; 3]>::from(x - p)).collect())
+    };
+    let added = systems.iter().enumerate().map(own).collect::<Result<Vec<Vec<f64>>, _>>()?;
+    Ok(Bends::new(smoothing, &bends(&added)))
 }
 
 fn dot(a: &[Pose], b: &[Pose]) -> f64 {
@@ -39,10 +43,13 @@ fn add(x: &mut [Pose], d: &[Pose], by: f64) {
     x.iter_mut().flatten().zip(d.iter().flatten()).for_each(|(x, d)| *x += d * by);
 }
 
-/// The least sum of all frames' energies and `weight` times the squared second differences of what they add to `priors`.
-pub(super) fn solve(systems: &[System], priors: &[&Pose], weight: f64) -> Result<Vec<Pose>, (usize, LiftError)> {
+/// The least sum of all frames' energies and the priced squared second differences of what they add to `priors`.
+pub(super) fn solve(systems: &[System], priors: &[&Pose], smoothing: Smoothing) -> Result<Vec<Pose>, (usize, LiftError)> {
     let n = systems.len();
-    let own = systems.iter().enumerate().map(|(k, s)| s.solver(weight * diagonal(k, n)).map_err(|e| (k, e)));
+    let priors: Vec<Pose> = priors.iter().map(|p| (*p).clone()).collect();
+    let prices = prices(systems, &priors, smoothing)?;
+    let diagonal: Vec<f64> = (0..n).map(|k| prices.stencil(k)[2]).collect();
+    let own = systems.iter().enumerate().map(|(k, s)| s.solver(diagonal[k]).map_err(|e| (k, e)));
     let solvers = own.collect::<Result<Vec<_>, _>>()?;
     let each = |right: &[Pose], pulled: bool| {
         let one = |(k, right): (usize, &Pose)| solvers[k].solve(right, pulled).ok_or((k, LiftError::Undetermined));
@@ -50,14 +57,13 @@ pub(super) fn solve(systems: &[System], priors: &[&Pose], weight: f64) -> Result
     };
     let times = |x: &[Pose]| {
         let mut y: Vec<Pose> = systems.iter().zip(x).map(|(s, x)| s.times(x)).collect();
-        bent(x, weight, &mut y);
+        bent(x, &prices, &mut y);
         y
     };
-    let priors: Vec<Pose> = priors.iter().map(|p| (*p).clone()).collect();
-    let near: Vec<Pose> = (0..n).map(|k| systems[k].start(&priors[k], weight * diagonal(k, n))).collect();
+    let near: Vec<Pose> = (0..n).map(|k| systems[k].start(&priors[k], diagonal[k])).collect();
     let mut x = each(&near, true)?;
     let mut rest: Vec<Pose> = systems.iter().map(System::right).collect();
-    bent(&priors, weight, &mut rest);
+    bent(&priors, &prices, &mut rest);
     add(&mut rest, &times(&x), -1.0);
     let mut step = each(&rest, false)?;
     let mut direction = step.clone();

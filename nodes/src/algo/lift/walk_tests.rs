@@ -8,7 +8,7 @@ use nalgebra::{Matrix4, Vector3};
 use super::*;
 use crate::algo::align_2d::{Lengths, align_2d};
 use crate::algo::bvh;
-use crate::algo::calibrate::{Search, Views, turned};
+use crate::algo::calibrate::{Found, Refinement, Search, Views, turned};
 use crate::algo::camera::{Camera, Orbit, orthographic};
 use crate::algo::dtw::{Drawings, Metric, Series, dtw, source_frames};
 use crate::algo::markers::{naming, standard};
@@ -45,8 +45,15 @@ struct Walk {
     upper: Vec<usize>,
 }
 
-/// A walk's file, the file's frames a frame of thirty a second, and the frames that are taken.
-const WALKS: [(&str, usize, std::ops::Range<usize>); 2] = [("cmu_37_01_slow_walk", 1, 10..128), ("pymo_8walk_meredith", 4, 20..150)];
+/// A take's file, the file's frames a frame of thirty a second, and the frames that are taken.
+type Passage = (&'static str, usize, std::ops::Range<usize>);
+
+const WALKS: [Passage; 3] =
+    [("cmu_37_01_slow_walk", 1, 10..128), ("pymo_8walk_meredith", 4, 20..150), ("pymo_8walk_meredith", 4, 140..262)];
+
+/// Passages in which nobody walks, or not for long.
+const OTHERS: [Passage; 4] =
+    [("cmu_01_01", 4, 200..330), ("cmu_10_02_kick", 1, 10..148), ("cmu_jumping_jacks", 1, 2..124), ("ad_jesse_dance", 3, 10..140)];
 
 impl Walk {
     /// `None` where the folder of takes does not lie beside the project.
@@ -188,8 +195,17 @@ fn lift(walk: &Walk, truth: &[Pose], drawn: &[Vec<[f64; 2]>], camera: &Camera, l
 }
 
 /// Each walk, style, and view, from the side and thirty degrees off it: walk, style, view, truth, drawing, and camera.
-fn each(styles: &[f64], seeds: std::ops::Range<u64>, mut act: impl FnMut(&Walk, [f64; 2], &[Pose], &[Vec<[f64; 2]>], &Camera)) {
-    for (name, step, frames) in WALKS {
+fn each(styles: &[f64], seeds: std::ops::Range<u64>, act: impl FnMut(&Walk, [f64; 2], &[Pose], &[Vec<[f64; 2]>], &Camera)) {
+    each_of(&WALKS, styles, seeds, act);
+}
+
+fn each_of(
+    takes: &[Passage],
+    styles: &[f64],
+    seeds: std::ops::Range<u64>,
+    mut act: impl FnMut(&Walk, [f64; 2], &[Pose], &[Vec<[f64; 2]>], &Camera),
+) {
+    for (name, step, frames) in takes.iter().cloned() {
         let Some(walk) = Walk::read(name, step, frames) else {
             println!("skipped: no takes in ../shared/data/mocap beside the workspace");
             continue;
@@ -206,14 +222,21 @@ fn each(styles: &[f64], seeds: std::ops::Range<u64>, mut act: impl FnMut(&Walk, 
 }
 
 /// Searches the camera's direction from a wrong one.
-fn calibrated(walk: &Walk, drawn: &[Vec<[f64; 2]>], camera: &Camera, range_deg: [f64; 2]) -> (Camera, [f64; 2]) {
+fn calibrated(
+    walk: &Walk,
+    drawn: &[Vec<[f64; 2]>],
+    camera: &Camera,
+    range_deg: [f64; 2],
+    refinement: Refinement,
+) -> (Camera, [f64; 2], Found) {
     let limbs: Vec<[usize; 2]> = standard::DESCRIPTOR_LIMBS.iter().map(|(a, b)| [walk.at(a), walk.at(b)]).collect();
     let captured: Vec<Vec<[f64; 3]>> = walk.capture().iter().map(|p| p.iter().map(|p| (*p).into()).collect()).collect();
-    let views = Views { drawn, captured: &captured, limbs: &limbs };
-    let search = Search { range_deg, step_deg: 5.0, foreshortening: true };
+    let bones = standard::limbs(&walk.names);
+    let views = Views { drawn, captured: &captured, limbs: &limbs, bones: &bones };
+    let search = Search { range_deg, step_deg: 5.0, foreshortening: true, refinement };
     let found = views.calibrate(camera, &search, &crate::algo::dtw::Options::default()).unwrap();
-    assert!(found.cost <= found.cost_before && (found.scale - 1.0).abs() < 0.05, "{found:?}");
-    (turned(camera, views.middle(), found.turn_deg), found.turn_deg)
+    assert!((found.scale - 1.0).abs() < 0.05, "{found:?}");
+    (turned(camera, views.middle(), found.turn_deg), found.turn_deg, found)
 }
 
 /// Table 1 of the paper: azimuth and elevation error, mean and maximum, metres; baseline 0.0062 and 0.0257.
@@ -244,7 +267,7 @@ fn table_1() {
             let share = |r: &Measured| [0, 1].map(|k| r.lifted[k] / r.baseline[k]);
             let [mean, max] = share(&found);
             let range = [15.0 * f64::from(off[0] != 0.0), 15.0 * f64::from(off[1] != 0.0)];
-            let searched = lift(walk, truth, drawn, &calibrated(walk, drawn, &wrong, range).0, Lengths::Source, Options::PAPER);
+            let searched = lift(walk, truth, drawn, &calibrated(walk, drawn, &wrong, range, Refinement::Own).0, Lengths::Source, Options::PAPER);
             println!(
                 "({:3}, {:3})  baseline {:.4} {:.4}  lifted {:.4} {:.4}  {mean:.2} {max:.2}  searched {:.2} {:.2}  paper {:.4} {:.4}  {:.2} {:.2}",
                 off[0],
@@ -260,9 +283,11 @@ fn table_1() {
                 paper[0] / 0.0062,
                 paper[1] / 0.0257
             );
+            // From the very side the depth of a hand, which no drawing tells, may be the largest of all, and stays as it is.
+            assert!(off != [0.0, 0.0] || max < 1.005, "{} {style} {yaw}: {max}", walk.name);
             let limit = match off {
                 [0.0, 0.0] => 0.8,
-                [5.0 | -5.0, _] => 1.0,
+                [5.0 | -5.0, _] | [_, 10.0 | -10.0] => 1.0,
                 _ if style >= 8.0 => 1.0,
                 _ => f64::INFINITY,
             };
@@ -274,7 +299,8 @@ fn table_1() {
 /// Markers with a centimetre of tremble: lengths kept exactly, limbs as long as they are drawn, and time.
 #[test]
 fn beyond_the_paper() {
-    each(&[4.0, 8.0], 5..6, |walk, [style, yaw], truth, drawn, camera| {
+    let takes: Vec<Passage> = WALKS.into_iter().chain(OTHERS).collect();
+    each_of(&takes, &[4.0, 8.0], 5..6, |walk, [style, yaw], truth, drawn, camera| {
         let mut rng = Rng(9);
         let mut noisy = drawn.to_vec();
         noisy.iter_mut().flatten().flatten().for_each(|v| *v += SCALE * 0.01 * rng.normal());
@@ -293,7 +319,7 @@ fn a_camera_is_found_again() {
     let (mut azimuths, mut elevations) = (Vec::new(), Vec::new());
     each(&[4.0, 15.0], 1..2, |walk, [_, yaw], _, drawn, camera| {
         for wrong in [[15.0, 0.0], [-15.0, 5.0]] {
-            let turn = calibrated(walk, drawn, &turned(camera, Vector3::zeros(), wrong), [30.0, 10.0]).1;
+            let turn = calibrated(walk, drawn, &turned(camera, Vector3::zeros(), wrong), [30.0, 10.0], Refinement::Off).1;
             azimuths.push((turn[0] + wrong[0]).abs());
             if yaw != 0.0 {
                 elevations.push((turn[1] + wrong[1]).abs());
@@ -305,4 +331,32 @@ fn a_camera_is_found_again() {
         println!("{name}: {near} of {} within a degree, worst {:.2}", off.len(), off.iter().copied().fold(0.0, f64::max));
         assert!(20 * near >= 19 * off.len(), "{name} {off:?}");
     }
+}
+
+/// A centimetre of noise on each marker and a style eight degrees off, from fifteen degrees off: the cheapest warp is often beside the camera, least squares
+/// are not, and know how sure they are.
+#[test]
+fn a_camera_is_found_again_in_noise() {
+    let takes: Vec<Passage> = WALKS.into_iter().chain(OTHERS).collect();
+    let (mut off, mut shares) = ([Vec::new(), Vec::new()], Vec::new());
+    let mut rng = Rng(17);
+    each_of(&takes, &[8.0], 31..33, |walk, _, truth, _, camera| {
+        let camera = turned(camera, Vector3::zeros(), [360.0 * rng.next(), 20.0 * rng.next()]);
+        let mut drawn: Vec<_> = truth.iter().map(|p| seen(&camera, p)).collect();
+        drawn.iter_mut().flatten().flatten().for_each(|v| *v += SCALE * 0.01 * rng.normal());
+        let wrong = [if rng.next() < 0.5 { 15.0 } else { -15.0 }, 10.0 * rng.next() - 5.0];
+        let (_, turn, found) = calibrated(walk, &drawn, &turned(&camera, Vector3::zeros(), wrong), [30.0, 15.0], Refinement::Own);
+        for k in 0..2 {
+            off[k].push((turn[k] + wrong[k]).abs());
+            shares.push(((turn[k] + wrong[k]) / found.covariance[k][k].sqrt()).powi(2));
+        }
+    });
+    for (name, off) in ["azimuth", "elevation"].iter().zip(&off) {
+        let near = off.iter().filter(|d| **d <= 1.0).count();
+        println!("{name}: {near} of {} within a degree, worst {:.2}", off.len(), off.iter().copied().fold(0.0, f64::max));
+        assert!(20 * near >= 19 * off.len(), "{name} {off:?}");
+    }
+    let share = (shares.iter().sum::<f64>() / shares.len().max(1) as f64).sqrt();
+    println!("{share:.2} standard deviations off on the mean");
+    assert!(shares.is_empty() || (0.4..2.0).contains(&share), "{share}");
 }
