@@ -5,7 +5,8 @@
 //!
 //! **Source** Jain, Sheikh, Hodgins 2009, section 3.3, equations 3 and 4; Sakoe and Chiba 1978; Giorgino 2009 (step patterns, windows, open ends).
 //!
-//! **Fails when** nothing gets through: `asymmetric` runs at no more than twice the source's speed, bands may miss the end, and pins may cross.
+//! **Fails when** nothing gets through: `asymmetric` runs at no more than twice the source's speed, patterns with a P
+//! neither faster nor slower than it allows, bands may miss the end, and pins may cross.
 //!
 //! **Cost** O(target · source frames · numbers).
 //!
@@ -28,7 +29,7 @@ use crate::data::WarpPath;
 #[derive(Node)]
 #[node(
     id = "retime.dtw",
-    version = 1,
+    version = 2,
     kind = whole,
     outputs = RetimeDtwOutputs,
     source = "Jain, Sheikh, Hodgins 2009, section 3.3, eqs. 3 and 4; Giorgino 2009",

@@ -7,6 +7,7 @@
 mod asymmetric;
 mod cost;
 mod frames;
+mod slopes;
 mod symmetric;
 #[cfg(test)]
 mod tests;
@@ -31,6 +32,25 @@ pub enum Steps {
     Symmetric2,
     /// One row and none, one or two columns: each target frame is met exactly once, at most at twice the source's speed.
     Asymmetric,
+    /// From a third to three times the source's speed: at most two steps along one after a step along both (P = 1/2).
+    SymmetricP05,
+    /// From half to twice the source's speed: a step along both for each along one (P = 1).
+    SymmetricP1,
+    /// From two thirds to one and a half times the source's speed: two steps along both for each along one (P = 2).
+    SymmetricP2,
+    /// As `SymmetricP05`, each target frame counted once: no wait of more than two drawings, and no frame of the source left out.
+    AsymmetricP05,
+    /// As `SymmetricP1`, each target frame counted once.
+    AsymmetricP1,
+    /// As `SymmetricP2`, each target frame counted once.
+    AsymmetricP2,
+}
+
+impl Steps {
+    /// True where sums grow with the frames of both series.
+    fn counts_both(self) -> bool {
+        matches!(self, Self::Symmetric2 | Self::SymmetricP05 | Self::SymmetricP1 | Self::SymmetricP2)
+    }
 }
 
 /// What is asked of an alignment.
@@ -106,7 +126,7 @@ const TILES: usize = 64;
 /// Aligns `source` to `target`.
 ///
 /// The cost has the bits of the plain recursion in 64-bit numbers: distances summed over dimensions in order, then the least predecessor added.
-/// Among equals the step along both comes first, then that along the source; a target frame that waits comes last, as in dtw-python.
+/// A step of several cells runs inside of windows with all of them. Among equals the step along both comes first, then that along the source; a target frame that waits comes last, as in dtw-python.
 ///
 /// # Errors
 /// Series that are empty or of different dimensions, pins outside them, and windows, pins or steps that leave no path.
@@ -125,16 +145,17 @@ pub fn dtw(target: &Series, source: &Series, metric: Metric, options: &Options) 
         Steps::Asymmetric => asymmetric::align(&costs, &window, options),
         Steps::Symmetric1 => symmetric::align::<false>(&costs, &window, options),
         Steps::Symmetric2 => symmetric::align::<true>(&costs, &window, options),
+        _ => slopes::align(&costs, &window, options),
     };
     alignment.ok_or(DtwError::NoPath { n, m, steps: options.steps })
 }
 
 /// The column in which the path ends, by the last row of sums; `None` where nothing came there.
 ///
-/// Open ends take the least sum: `symmetric2` by the length of its way, as in dtw-python, unless the beginning is open as well and the length unknown.
+/// Open ends take the least sum: patterns that count both series by the length of the way, as in dtw-python, unless the beginning is open as well and the length unknown.
 fn ending(last: &[f64], n: usize, options: &Options) -> Option<usize> {
     let m = last.len();
-    let scale = |j: usize| if options.steps == Steps::Symmetric2 && !options.open_begin { (n + j + 1) as f64 } else { 1.0 };
+    let scale = |j: usize| if options.steps.counts_both() && !options.open_begin { (n + j + 1) as f64 } else { 1.0 };
     let end = if options.open_end {
         let last_pin = options.pins.iter().map(|p| p[1]).max().unwrap_or(0);
         (last_pin..m).fold(last_pin, |best, j| if last[j] / scale(j) < last[best] / scale(best) { j } else { best })

@@ -33,7 +33,8 @@ fn band(steps: Steps, shape: BandShape, width: f64) -> Options {
 #[test]
 fn as_dtw_python_has_it() {
     use BandShape::{SakoeChiba, Slanted};
-    use Steps::{Asymmetric, Symmetric1, Symmetric2};
+    use Steps::{Asymmetric, AsymmetricP05, AsymmetricP1, AsymmetricP2};
+    use Steps::{Symmetric1, Symmetric2, SymmetricP05, SymmetricP1, SymmetricP2};
     let open = |steps, open_begin| Options { open_begin, open_end: true, ..options(steps) };
     let (small, large) = ((angles(1, 40), angles(2, 55)), (angles(3, 700), angles(4, 900)));
     let cases = [
@@ -52,6 +53,30 @@ fn as_dtw_python_has_it() {
         (&large, options(Symmetric1), 9597.709553741412, 19963420253),
         (&large, options(Symmetric2), 15487.458667787176, 31865056345),
         (&large, options(Asymmetric), 6841.451755802583, 11580671219),
+        (&small, options(SymmetricP05), 1004.0070077542355, 4829047),
+        (&small, open(SymmetricP05, false), 808.2372828522729, 3511953),
+        (&small, options(SymmetricP1), 1079.4088105862902, 4416589),
+        (&small, open(SymmetricP1, false), 834.0615014932105, 2881473),
+        (&small, options(SymmetricP2), 1144.5044341007385, 4364945),
+        (&small, open(SymmetricP2, false), 848.0101900602506, 2517431),
+        (&small, options(AsymmetricP05), 422.61907497258824, 5816224),
+        (&small, open(AsymmetricP05, false), 418.14565155053464, 4793547),
+        (&small, options(AsymmetricP1), 457.89275529345065, 4567148),
+        (&small, open(AsymmetricP1, false), 435.4546801351104, 2881394),
+        (&small, options(AsymmetricP2), 483.56231806032633, 4371545),
+        (&small, open(AsymmetricP2, false), 443.25779664851245, 2519371),
+        (&large, options(SymmetricP05), 15995.299666223224, 26591936148),
+        (&large, open(SymmetricP05, false), 14109.740817304948, 19890461014),
+        (&large, options(SymmetricP1), 16618.918952115397, 23687344741),
+        (&large, open(SymmetricP1, false), 15158.535985978042, 19305390730),
+        (&large, options(SymmetricP2), 17552.31254317832, 20544443182),
+        (&large, open(SymmetricP2, false), 15788.73388153227, 16807517764),
+        (&large, options(AsymmetricP05), 6953.200159298177, 26868727284),
+        (&large, open(AsymmetricP05, false), 6934.4689440295615, 24799109136),
+        (&large, options(AsymmetricP1), 7237.716346697836, 23491378343),
+        (&large, open(AsymmetricP1, false), 7165.787020846872, 19423151329),
+        (&large, options(AsymmetricP2), 7702.238665483927, 20713744723),
+        (&large, open(AsymmetricP2, false), 7445.780250819323, 16676159927),
     ];
     for ((target, source), options, cost, path) in cases {
         let found = dtw(target, source, Metric::Angle, &options).unwrap();
@@ -234,4 +259,50 @@ fn smoothing_takes_the_stutter_and_never_runs_backwards() {
         assert!(jerk(&found) < jerk(&source_frames(&path, &single, &[], 0.0)));
     }
     assert_eq!(source_frames(&[[0, 3]], &Drawings::new(1, |_| false), &[], 2.0), [3.0]);
+}
+
+const SLOPES: [Steps; 6] =
+    [Steps::SymmetricP05, Steps::SymmetricP1, Steps::SymmetricP2, Steps::AsymmetricP05, Steps::AsymmetricP1, Steps::AsymmetricP2];
+
+/// Paths of patterns that limit the slope leave out no frame of either series, run no faster and no slower than they may, and pass through their pins.
+#[test]
+fn slopes_are_limited() {
+    let (target, source) = (angles(11, 300), angles(12, 320));
+    for steps in SLOPES {
+        let most = match steps {
+            Steps::SymmetricP05 | Steps::AsymmetricP05 => 2,
+            _ => 1,
+        };
+        for open in [false, true] {
+            let pins = if open { vec![[150, 170]] } else { vec![[40, 45], [200, 205]] };
+            let asked = Options { pins: pins.clone(), open_begin: open, open_end: open, ..options(steps) };
+            let found = dtw(&target, &source, Metric::Angle, &asked).unwrap();
+            assert!(pins.iter().all(|p| found.path.contains(p)), "{steps:?}");
+            assert_eq!((found.path[0][0], found.path.last().unwrap()[0]), (0, 299));
+            assert!(open || found.path[0][1] == 0 && found.path.last().unwrap()[1] == 319);
+            let moves: Vec<[usize; 2]> = found.path.windows(2).map(|w| [w[1][0] - w[0][0], w[1][1] - w[0][1]]).collect();
+            assert!(moves.iter().all(|m| m.iter().all(|d| *d <= 1) && *m != [0, 0]), "{steps:?}");
+            for along in [[0, 1], [1, 0]] {
+                let longest = moves.split(|m| *m != along).map(<[_]>::len).max().unwrap_or(0);
+                assert!(longest <= most, "{steps:?} {longest}");
+            }
+        }
+        let long = dtw(&angles(1, 10), &angles(2, 40), Metric::Angle, &options(steps));
+        assert_eq!(long, Err(DtwError::NoPath { n: 10, m: 40, steps }), "four times the speed is too much");
+        let same = dtw(&target, &target, Metric::Angle, &options(steps)).unwrap();
+        assert!(same.cost == 0.0 && same.path.iter().all(|[i, j]| i == j), "{steps:?}");
+    }
+}
+
+/// A frame of the source may be where a path with an open beginning begins: the first among them, and a later one where that is better.
+#[test]
+fn slopes_begin_where_it_is_best() {
+    let whole = angles(13, 90);
+    let frames: Vec<Vec<f64>> = (0..90).map(|i| target_frame(&whole, i)).collect();
+    let part = |from: usize| Series::new(&frames[from..from + 40].iter().map(Vec::as_slice).collect::<Vec<_>>(), None).unwrap();
+    for (steps, from) in SLOPES.into_iter().flat_map(|s| [(s, 0), (s, 31)]) {
+        let asked = Options { open_begin: true, open_end: true, ..options(steps) };
+        let found = dtw(&part(from), &whole, Metric::Angle, &asked).unwrap();
+        assert!(found.cost == 0.0 && found.path.iter().all(|[i, j]| i + from == *j), "{steps:?} {from} {found:?}");
+    }
 }

@@ -287,7 +287,7 @@ fn table_1() {
             assert!(off != [0.0, 0.0] || max < 1.005, "{} {style} {yaw}: {max}", walk.name);
             let limit = match off {
                 [0.0, 0.0] => 0.8,
-                [5.0 | -5.0, _] | [_, 10.0 | -10.0] => 1.0,
+                [5.0 | -5.0, _] => 1.0,
                 _ if style >= 8.0 => 1.0,
                 _ => f64::INFINITY,
             };
