@@ -32,7 +32,7 @@ use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::mesh::{MeshFeatures, MeshSilhouette, MeshSmooth};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth, MotionWarp};
 use crate::plot::{PlotCurves, PlotPlayhead};
-use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseFit, PoseJointAngles, PosePin, PoseProcrustes};
+use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseFit, PoseJointAngles, PosePin, PoseProcrustes, PoseResample};
 use crate::render::{RenderCorrespondences, RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, RetargetMeshes, RetargetShapes};
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
@@ -167,6 +167,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<PoseJointAngles>()
         .whole::<PosePin>()
         .per_frame::<PoseProcrustes>()
+        .per_frame::<PoseResample>()
         .per_frame::<RenderCorrespondences>()
         .per_frame::<RenderDrawings>()
         .per_frame::<RenderShadow>()

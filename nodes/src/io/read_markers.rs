@@ -154,8 +154,14 @@ impl IoReadMarkers {
         if self.units == Units::Fraction && largest > 4.0 {
             return Err(format!("expected fractions of the picture, found numbers up to {largest}: they look like pixels, `units: px`"));
         }
+        let is_small = self.units == Units::Px && n > 1 && largest * self.scale <= 1.5;
+        if self.size.is_none() && tracks.size.is_none() && is_small && n > 3 {
+            return Err(format!(
+                "expected pixels, found no number above {largest}: they look like fractions, `units: fraction` with a `size`"
+            ));
+        }
         let Some([w, h]) = self.size.map(|s| s.map(|n| n as f64)).or(tracks.size) else { return Ok(()) };
-        if self.units == Units::Px && n > 1 && largest * self.scale <= 1.5 && w.min(h) >= 16.0 {
+        if is_small && w.min(h) >= 16.0 {
             return Err(format!(
                 "expected pixels of a picture of {w} x {h}, found no number above {largest}: they look like fractions, `units: fraction`"
             ));

@@ -8,6 +8,7 @@ mod markers;
 mod mesh_pin;
 mod pin;
 mod procrustes;
+mod resample;
 
 pub(crate) use align_2d::PoseAlign2d;
 pub(crate) use descriptor::PoseDescriptor;
@@ -16,6 +17,7 @@ pub(crate) use joint_angles::PoseJointAngles;
 pub(crate) use mesh_pin::MeshPin;
 pub(crate) use pin::PosePin;
 pub(crate) use procrustes::PoseProcrustes;
+pub(crate) use resample::PoseResample;
 
 use nalgebra::Vector3;
 use pegbar_engine::clock::Clock;

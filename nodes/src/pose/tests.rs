@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use nalgebra::{Matrix4, UnitQuaternion, Vector3};
-use pegbar_engine::node::{Arg, Cancel, Context, In, Input, NodeError, PerFrame, Sequence, SequenceRef, Whole};
-use pegbar_engine::setting::{Setting, SettingError};
-use pegbar_engine::value::{Value, ValueRef};
+use pegbar_engine::node::{Arg, Cancel, Context, Frames, In, Input, NodeError, PerFrame, Sequence, SequenceRef, Whole};
+use pegbar_engine::setting::{ClockName, Setting, SettingError};
+use pegbar_engine::value::{TimeMap, Value, ValueRef};
 
 use super::joint_angles::PoseJointAnglesOutputs;
 use super::pin::Method;
@@ -344,4 +344,37 @@ fn run_one(node: fit::PoseFit) -> Result<fit::PoseFitOutputs, NodeError> {
     use pegbar_engine::node::PerFrame;
     let clock = clock(1);
     node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() })
+}
+
+#[test]
+fn a_map_asks_for_poses_between_frames() {
+    let film = clock(3);
+    let source = Arc::new(pegbar_engine::clock::Clock { name: "capture".to_owned(), first: 10, last: 13, fps: (120, 1) });
+    let pose = |k: i64| Arc::new(Pose::from_iter([joint((k - 10) as f64)]));
+    let node = |frames: Vec<f64>, at: &[i64]| PoseResample {
+        pose: Frames::Each(at.iter().map(|k| (*k, pose(*k))).collect()),
+        map: Some(In::new(TimeMap { source_frames: frames })),
+        speed: 1.0,
+        clock: ClockName("frames".to_owned()),
+    };
+    let input_clocks = [("pose", source)];
+    let at = |frame: i64| Context { frame, clock: &film, input_clocks: &input_clocks, cancel: &Cancel::default() };
+    let map = || vec![10.25, 12.0000001, 99.0];
+    let found = |k: i64| {
+        let cx = at(k);
+        let asked = node(map(), &[]).reads("pose", &cx);
+        (asked.clone(), node(map(), &asked).run(&cx).unwrap().pose.joint(0).unwrap())
+    };
+    let near = |a: Joint, b: Joint| (a.translation - b.translation).amax() < 1e-12 && a.rotation.angle_to(&b.rotation) < 1e-12;
+    assert!(found(1).0 == [10, 11] && near(found(1).1, joint(0.25)));
+    assert!(found(2).0 == [12] && found(2).1 == joint(2.0), "a whole frame, bit by bit");
+    assert!(found(3).0 == [13] && found(3).1 == joint(3.0), "the end is held");
+    let error = node(vec![10.0; 2], &[10, 11]).run(&at(1)).unwrap_err();
+    assert!(error.message.starts_with("map: expected one of 3 frames, found 2"), "{}", error.message);
+}
+
+/// A joint that has gone `t` metres and turned by `t` fifths of a radian.
+fn joint(t: f64) -> Joint {
+    let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.2 * t);
+    Joint { translation: Vector3::new(t, 0.0, 0.0), rotation, scale: Vector3::repeat(1.0) }
 }

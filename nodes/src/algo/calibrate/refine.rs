@@ -161,7 +161,9 @@ impl Refine<'_> {
             off.extend(far);
             let column = |j: usize| {
                 let raw = match j {
-                    0 | 1 => stacked(&|k| apart(between(&slopes[2 * j], at, k), between(&slopes[2 * j + 1], at, k), size(k) / (2.0 * SLOPE))),
+                    0 | 1 => {
+                        stacked(&|k| apart(between(&slopes[2 * j], at, k), between(&slopes[2 * j + 1], at, k), size(k) / (2.0 * SLOPE)))
+                    }
                     _ => stacked(&|k| if self.group(k) == j - 2 { between(&seen, at, k) } else { [0.0; 2] }),
                 };
                 slipped(&raw, &weights, &slip, price)

@@ -33,8 +33,8 @@ fn band(steps: Steps, shape: BandShape, width: f64) -> Options {
 #[test]
 fn as_dtw_python_has_it() {
     use BandShape::{SakoeChiba, Slanted};
-    use Steps::{Asymmetric, AsymmetricP05, AsymmetricP1, AsymmetricP2};
-    use Steps::{Symmetric1, Symmetric2, SymmetricP05, SymmetricP1, SymmetricP2};
+    use Steps::{Asymmetric, AsymmetricP1, AsymmetricP2, AsymmetricP05};
+    use Steps::{Symmetric1, Symmetric2, SymmetricP1, SymmetricP2, SymmetricP05};
     let open = |steps, open_begin| Options { open_begin, open_end: true, ..options(steps) };
     let (small, large) = ((angles(1, 40), angles(2, 55)), (angles(3, 700), angles(4, 900)));
     let cases = [

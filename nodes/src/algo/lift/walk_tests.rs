@@ -267,7 +267,8 @@ fn table_1() {
             let share = |r: &Measured| [0, 1].map(|k| r.lifted[k] / r.baseline[k]);
             let [mean, max] = share(&found);
             let range = [15.0 * f64::from(off[0] != 0.0), 15.0 * f64::from(off[1] != 0.0)];
-            let searched = lift(walk, truth, drawn, &calibrated(walk, drawn, &wrong, range, Refinement::Own).0, Lengths::Source, Options::PAPER);
+            let searched =
+                lift(walk, truth, drawn, &calibrated(walk, drawn, &wrong, range, Refinement::Own).0, Lengths::Source, Options::PAPER);
             println!(
                 "({:3}, {:3})  baseline {:.4} {:.4}  lifted {:.4} {:.4}  {mean:.2} {max:.2}  searched {:.2} {:.2}  paper {:.4} {:.4}  {:.2} {:.2}",
                 off[0],

@@ -59,6 +59,23 @@ fn a_take_plays_in_its_own_time_on_any_clock() {
 }
 
 #[test]
+fn poses_between_frames_are_turned_the_short_way() {
+    let stage = Stage::new();
+    stage.put("take.bvh", TAKE.as_bytes());
+    let read = r#""in": (type: "io.read_bvh", path: "take.bvh", scale: 0.01, skip: 1),"#;
+    let played = |more: &str| {
+        let nodes = format!(
+            r#"{read} "r": (type: "pose.resample", pose: "@in.pose"{more}),
+            "m": (type: "markers.from_pose", skeleton: "@in.skeleton", pose: "@r", joints: {{ "hand": "LeftArm_end" }})"#
+        );
+        stage.values((1, 4), &nodes, "m").map(|v| all::<Markers3>(v).iter().map(|m| m.points[0]).collect::<Vec<_>>())
+    };
+    close(&played("").unwrap(), &[hand(0.0, 0.0), hand(60.0, 4.0), hand(90.0, 6.0), hand(90.0, 6.0)]);
+    close(&played(", speed: 0.25").unwrap(), &[0.0, 15.0, 30.0, 45.0].map(|d| hand(d, d / 15.0)));
+    close(&played(", speed: 4").unwrap(), &[hand(0.0, 0.0), hand(90.0, 6.0), hand(90.0, 6.0), hand(90.0, 6.0)]);
+}
+
+#[test]
 fn what_is_written_stands_where_it_stood() {
     let stage = Stage::new();
     stage.put("take.bvh", TAKE.as_bytes());
@@ -223,6 +240,9 @@ fn markers_are_read_as_asked() {
     assert!(said(", units: fraction, size: (64, 48)").contains("they look like pixels"));
     assert!(said(", size: (64, 48), scale: 0.01").contains("they look like fractions"));
     assert!(said(", origin: bottom").contains("expected `size`"));
+    stage.put("f.csv", b"frame,name,x,y\n1,hip,0.1,0.2\n1,hand,0.3,0.4\n2,hip,0.1,0.2\n2,hand,0.3,0.4\n");
+    let small = stage.values((1, 2), r#""m": (type: "io.read_markers", path: "f.csv")"#, "m").unwrap_err();
+    assert!(small.ends_with("they look like fractions, `units: fraction` with a `size`"), "{small}");
     stage.put("m.csv", MARKS.replace("14,20", "nan,20").as_bytes());
     assert!(said("").ends_with("m.csv: line 4, column `x`: expected a number, or nothing where the marker is not seen, found `nan`"));
 }
