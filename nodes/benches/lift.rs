@@ -5,7 +5,7 @@
 //! systems with Numba and LAPACK.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use nalgebra::{Matrix4, Vector3};
+use nalgebra::{Matrix4, UnitQuaternion, Vector3};
 use pegbar_nodes::algo::align_2d::{Lengths, align_2d};
 use pegbar_nodes::algo::camera::{Camera, Orbit, orthographic};
 use pegbar_nodes::algo::dtw::{self, Drawings, Metric, Series, Steps, dtw, source_frames};
@@ -46,7 +46,8 @@ struct Figure {
 impl Figure {
     fn new() -> Self {
         let mut rng = Rng(5);
-        let rest = (0..N).map(|_| Joint { translation: rng.vector().normalize() * 0.3, ..Joint::default() }).collect();
+        let still = Joint { translation: Vector3::zeros(), rotation: UnitQuaternion::identity(), scale: Vector3::repeat(1.0) };
+        let rest = (0..N).map(|_| Joint { translation: rng.vector().normalize() * 0.3, ..still }).collect();
         Self { rest, swings: (0..N).map(|_| (rng.vector(), 6.0 * rng.next())).collect() }
     }
 

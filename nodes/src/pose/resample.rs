@@ -52,7 +52,7 @@ pub(crate) struct PoseResample {
 #[derive(Outputs)]
 pub(crate) struct PoseResampleOutputs {
     /// The figure at this frame.
-    pose: Pose,
+    pub(super) pose: Pose,
 }
 
 impl PoseResample {
