@@ -358,7 +358,8 @@ fn a_map_asks_for_poses_between_frames() {
         clock: ClockName("frames".to_owned()),
     };
     let input_clocks = [("pose", source)];
-    let at = |frame: i64| Context { frame, clock: &film, input_clocks: &input_clocks, cancel: &Cancel::default() };
+    let cancel = Cancel::default();
+    let at = |frame: i64| Context { frame, clock: &film, input_clocks: &input_clocks, cancel: &cancel };
     let map = || vec![10.25, 12.0000001, 99.0];
     let found = |k: i64| {
         let cx = at(k);

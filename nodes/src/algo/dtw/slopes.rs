@@ -95,11 +95,13 @@ struct Rows<'a> {
     window: &'a Window,
     open_begin: bool,
     pattern: &'static [Step],
+    /// Room for the sums of one step.
+    candidate: Vec<f64>,
 }
 
 impl Rows<'_> {
     /// Row `i` in columns `from..to` after those before it.
-    fn next(&self, i: usize, from: usize, to: usize, state: &mut State, mut taken: Option<&mut [u8]>) {
+    fn next(&mut self, i: usize, from: usize, to: usize, state: &mut State, mut taken: Option<&mut [u8]>) {
         state.turn();
         let [low, high] = self.window.rows[i];
         let (low, high) = (low.max(from), (high + 1).min(to));
@@ -114,19 +116,23 @@ impl Rows<'_> {
             return;
         }
         let (sums, before) = state.sums.split_at_mut(1);
-        for j in low - from..high - from {
-            let at = REACH + j;
-            let (mut least, mut which) = (f64::INFINITY, 0);
-            for (s, step) in self.pattern.iter().enumerate() {
-                let start = before[step.rows - 1][at - step.columns];
-                let sum = step.cells.iter().fold(start, |sum, (r, c, weight)| sum + weight * state.costs[*r][at - c]);
-                if sum < least {
-                    (least, which) = (sum, s as u8);
-                }
+        let (first, n) = (REACH + low - from, high - low);
+        let least = &mut sums[0][first..][..n];
+        let mut taken = taken.as_mut().map(|t| &mut t[low - from..][..n]);
+        let candidate = &mut self.candidate[..n];
+        for (s, step) in self.pattern.iter().enumerate() {
+            candidate.copy_from_slice(&before[step.rows - 1][first - step.columns..][..n]);
+            for &(row, column, weight) in step.cells {
+                let costs = &state.costs[row][first - column..][..n];
+                candidate.iter_mut().zip(costs).for_each(|(sum, c)| *sum += weight * c);
             }
-            sums[0][at] = least;
-            if let Some(taken) = &mut taken {
-                taken[j] = which;
+            match &mut taken {
+                Some(taken) => {
+                    for ((least, taken), sum) in least.iter_mut().zip(taken.iter_mut()).zip(&*candidate).filter(|((l, _), s)| **s < **l) {
+                        (*least, *taken) = (*sum, s as u8);
+                    }
+                }
+                None => least.iter_mut().zip(&*candidate).for_each(|(least, sum)| *least = if *sum < *least { *sum } else { *least }),
             }
         }
     }
@@ -135,7 +141,8 @@ impl Rows<'_> {
 pub(super) fn align(costs: &Costs, window: &Window, options: &Options) -> Option<Alignment> {
     let (n, m) = (costs.n, costs.m);
     let stride = n.div_ceil(TILES).max(32);
-    let rows = Rows { costs, window, open_begin: options.open_begin, pattern: pattern(options.steps) };
+    let pattern = pattern(options.steps);
+    let mut rows = Rows { costs, window, open_begin: options.open_begin, pattern, candidate: vec![0.0; m] };
     let mut state = State::new(m);
     let mut kept: Vec<State> = Vec::new();
     for i in 0..n {
@@ -146,11 +153,11 @@ pub(super) fn align(costs: &Costs, window: &Window, options: &Options) -> Option
     }
     let last = &state.sums[0][REACH..];
     let end = ending(last, n, options)?;
-    Some(Alignment { cost: last[end], path: back(&rows, &kept, stride, end) })
+    Some(Alignment { cost: last[end], path: back(&mut rows, &kept, stride, end) })
 }
 
 /// The path, from its last column back: rows between two that were kept are made again, in the columns from which the path can come.
-fn back(rows: &Rows, kept: &[State], stride: usize, end: usize) -> Vec<[usize; 2]> {
+fn back(rows: &mut Rows, kept: &[State], stride: usize, end: usize) -> Vec<[usize; 2]> {
     let (mut i, mut j) = (rows.costs.n - 1, end);
     let mut path = Vec::with_capacity(rows.costs.n + rows.costs.m);
     loop {
