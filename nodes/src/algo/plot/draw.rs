@@ -1,16 +1,17 @@
 //! A plot laid out and painted.
 
-use kurbo::{Affine, Point};
+use kurbo::Point;
 
 use super::super::grid::{dot, polyline};
-use super::super::paint::{Canvas, FillRule, PaintError, hex, text_outline, text_width};
+use super::super::paint::{FillRule, PaintError, hex, text_width};
 use super::line::Mask;
+use super::sheet::{Align, GRID, SPINE, Sheet, shortened, wrapped};
 use super::{Area, LARGEST, Panel, Plot, Series, Ticks, fitted, ticks};
 
-const INK: u32 = 0x262626;
-const SPINE: u32 = 0x5A5A5A;
-const GRID: u32 = 0xE4E4E4;
 const BAND: u32 = 0xEEF2F7;
+/// Height of a line of a label along a vertical axis, and the most lines of one.
+const LINE: f64 = 1.7;
+const LINES: usize = 3;
 
 /// Why a plot cannot be drawn.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -40,6 +41,8 @@ struct Layout {
 }
 
 struct PanelLayout {
+    /// What stands along its vertical axis, in lines.
+    label: Vec<String>,
     area: Area,
     range: [f64; 2],
     down: Ticks,
@@ -53,20 +56,18 @@ struct PanelLayout {
 /// [`PlotError`] where the picture is too small for the texts or `data` is of another length.
 pub fn draw(plot: &Plot, data: &mut [f32], width: usize, height: usize) -> Result<Area, PlotError> {
     let layout = lay_out(plot, width, height)?;
-    let mut canvas = Canvas::new(data, width, height)?;
-    let mut painter = Painter { plot, mask: Mask::new(width, height), canvas: &mut canvas };
-    painter.rectangle([0.0, 0.0, width as f64, height as f64], 0xFF_FF_FF);
+    let mut painter = Painter { plot, mask: Mask::new(width, height), sheet: Sheet::new(data, width, height)? };
     for (panel, place) in plot.panels.iter().zip(&layout.panels) {
         painter.ground(place, &layout.across);
         for series in &panel.series {
             painter.series(series, place);
         }
-        painter.frame(place, panel);
+        painter.frame(place);
         if plot.legend {
             painter.legend(panel, place, layout.legend_left);
         }
     }
-    painter.outside(&layout, width as f64);
+    painter.outside(&layout);
     let (first, last) = (layout.panels.first(), layout.panels.last());
     Ok(first.zip(last).map_or([0.0; 4], |(a, b)| [a.area[0], a.area[1], a.area[2], b.area[3]]))
 }
@@ -79,12 +80,15 @@ fn lay_out(plot: &Plot, width: usize, height: usize) -> Result<Layout, PlotError
     let gap = 2.0 * t;
     let least_height = top + bottom + gap * (n - 1) as f64 + 3.0 * t * n as f64;
     let each = (height as f64 - top - bottom - gap * (n - 1) as f64) / n as f64;
-    let most = (each / (3.2 * t)).clamp(2.0, 8.0) as usize;
+    let most = (each / (2.6 * t)).clamp(2.0, 8.0) as usize;
     let ranges: Vec<[f64; 2]> = plot.panels.iter().map(range_of).collect();
-    let down: Vec<Ticks> = ranges.iter().map(|r| ticks(r[0], r[1], most, 0.0)).collect();
+    let down: Vec<Ticks> = ranges.iter().map(|r| numbers(*r, most)).collect();
     let widest = down.iter().flat_map(|d| &d.labels).map(|l| text_width(l, t)).fold(0.0, f64::max);
-    let has_label = plot.panels.iter().any(|p| !p.label.is_empty());
-    let left = t + if has_label { 2.4 * t } else { 0.0 } + widest + 1.2 * t;
+    // A label may reach into the gaps, but not into its neighbours'.
+    let room = each + 0.6 * gap;
+    let labels: Vec<Vec<String>> = plot.panels.iter().map(|p| wrapped(&p.label, room, t, LINES)).collect();
+    let lines = labels.iter().map(Vec::len).max().unwrap_or(0);
+    let left = t + if lines > 0 { (0.7 + LINE * lines as f64) * t } else { 0.0 } + widest + 1.2 * t;
     let names = || plot.panels.iter().filter(|_| plot.legend).flat_map(Panel::named);
     let legend = names().map(|s| text_width(&s.name, t)).fold(0.0, f64::max).min(width as f64 / 3.0);
     let right = if names().next().is_some() { legend + 5.2 * t } else { 2.0 * t };
@@ -94,13 +98,25 @@ fn lay_out(plot: &Plot, width: usize, height: usize) -> Result<Layout, PlotError
         return Err(PlotError::TooSmall { width, height, least_width, least_height });
     }
     let sides = [libm::round(left), libm::round(width as f64 - right)];
-    let panels = ranges.into_iter().zip(down).enumerate().map(|(i, (range, down))| {
+    let panels = ranges.into_iter().zip(down).zip(labels).enumerate().map(|(i, ((range, down), label))| {
         let y = top + (each + gap) * i as f64;
-        PanelLayout { area: [sides[0], libm::round(y), sides[1], libm::round(y + each)], range, down }
+        PanelLayout { label, area: [sides[0], libm::round(y), sides[1], libm::round(y + each)], range, down }
     });
     let room = ((sides[1] - sides[0]) / (5.0 * t)).clamp(2.0, 12.0) as usize;
     let across = ticks(plot.span[0], plot.span[1], room, plot.x_step);
     Ok(Layout { panels: panels.collect(), across, legend_left: sides[1] + 1.4 * t })
+}
+
+/// Numbers along a vertical axis: two at the least, which tell its scale.
+fn numbers([low, high]: [f64; 2], most: usize) -> Ticks {
+    let mut found = ticks(low, high, most, 0.0);
+    for more in 1..4 {
+        if found.at.len() > 1 {
+            break;
+        }
+        found = ticks(low, high, most + more, 0.0);
+    }
+    found
 }
 
 fn range_of(panel: &Panel) -> [f64; 2] {
@@ -110,39 +126,13 @@ fn range_of(panel: &Panel) -> [f64; 2] {
     }
 }
 
-/// How a text stands to its position.
-#[derive(Clone, Copy)]
-enum Align {
-    Left,
-    Middle,
-    Right,
-}
-
-struct Painter<'a, 'b, 'c> {
+struct Painter<'a, 'b> {
     plot: &'a Plot,
     mask: Mask,
-    canvas: &'b mut Canvas<'c>,
+    sheet: Sheet<'b>,
 }
 
-impl Painter<'_, '_, '_> {
-    fn rectangle(&mut self, [left, top, right, bottom]: Area, colour: u32) {
-        let corners = [(left, top), (right, top), (right, bottom), (left, bottom)].map(|(x, y)| Point::new(x, y));
-        self.canvas.fill(&polyline(&corners, true), FillRule::NonZero, hex(colour));
-    }
-
-    /// A text whose baseline passes through (`x`, `y`), turned up where it stands along a vertical axis.
-    fn text(&mut self, string: &str, [x, y]: [f64; 2], size: f64, align: Align, upright: bool) {
-        let width = text_width(string, size);
-        let start = match align {
-            Align::Left => 0.0,
-            Align::Middle => -width / 2.0,
-            Align::Right => -width,
-        };
-        let turn = if upright { Affine::new([0.0, -1.0, 1.0, 0.0, 0.0, 0.0]) } else { Affine::IDENTITY };
-        let outline = Affine::translate((x, y)) * turn * Affine::translate((start, 0.0)) * text_outline(string, size, size / 7.0);
-        self.canvas.fill(&outline, FillRule::NonZero, hex(INK));
-    }
-
+impl Painter<'_, '_> {
     fn x_at(&self, area: Area, x: f64) -> f64 {
         let [first, last] = self.plot.span;
         area[0] + (area[2] - area[0]) * ((x - first) / (last - first).max(f64::MIN_POSITIVE))
@@ -153,15 +143,15 @@ impl Painter<'_, '_, '_> {
         let area = place.area;
         for &[from, to] in &self.plot.bands {
             let (left, right) = (self.x_at(area, from).clamp(area[0], area[2]), self.x_at(area, to).clamp(area[0], area[2]));
-            self.rectangle([left, area[1], right, area[3]], BAND);
+            self.sheet.rectangle([left, area[1], right, area[3]], hex(BAND));
         }
         for &x in &across.at {
             let x = libm::floor(self.x_at(area, x));
-            self.rectangle([x, area[1], x + 1.0, area[3]], GRID);
+            self.sheet.rectangle([x, area[1], x + 1.0, area[3]], hex(GRID));
         }
         for &y in &place.down.at {
             let y = libm::floor(y_at(place, y));
-            self.rectangle([area[0], y, area[2], y + 1.0], GRID);
+            self.sheet.rectangle([area[0], y, area[2], y + 1.0], hex(GRID));
         }
     }
 
@@ -186,20 +176,22 @@ impl Painter<'_, '_, '_> {
         let pen = self.plot.width.max(self.plot.dots) / 2.0 + 1.0;
         let inside = polyline(&[(left - pen, top), (right + pen, top), (right + pen, bottom), (left - pen, bottom)].map(Point::from), true);
         let (mask, colour) = (&self.mask, series.colour);
-        self.canvas.fill_with(&inside, FillRule::NonZero, |x, y| colour.map(|c| c * mask.cover[y * mask.width + x]));
+        self.sheet.canvas.fill_with(&inside, FillRule::NonZero, |x, y| colour.map(|c| c * mask.cover[y * mask.width + x]));
     }
 
     /// Axes, numbers and the label of a panel.
-    fn frame(&mut self, place: &PanelLayout, panel: &Panel) {
+    fn frame(&mut self, place: &PanelLayout) {
         let ([left, top, right, bottom], t) = (place.area, self.plot.text);
-        self.rectangle([left - 1.0, top, left, bottom + 1.0], SPINE);
-        self.rectangle([left - 1.0, bottom, right, bottom + 1.0], SPINE);
+        self.sheet.rectangle([left - 1.0, top, left, bottom + 1.0], hex(SPINE));
+        self.sheet.rectangle([left - 1.0, bottom, right, bottom + 1.0], hex(SPINE));
         for (&value, label) in place.down.at.iter().zip(&place.down.labels) {
             let y = libm::floor(y_at(place, value));
-            self.rectangle([left - 1.0 - t * 0.4, y, left - 1.0, y + 1.0], SPINE);
-            self.text(label, [left - t, y + 0.5 + t / 2.0], t, Align::Right, false);
+            self.sheet.rectangle([left - 1.0 - t * 0.4, y, left - 1.0, y + 1.0], hex(SPINE));
+            self.sheet.text(label, [left - t, y + 0.5 + t / 2.0], t, Align::Right, false);
         }
-        self.text(&panel.label, [2.0 * t, (top + bottom) / 2.0], t, Align::Middle, true);
+        for (i, line) in place.label.iter().enumerate() {
+            self.sheet.text(line, [(2.0 + LINE * i as f64) * t, (top + bottom) / 2.0], t, Align::Middle, true);
+        }
     }
 
     fn legend(&mut self, panel: &Panel, place: &PanelLayout, left: f64) {
@@ -209,12 +201,16 @@ impl Painter<'_, '_, '_> {
         let shown = if named.len() > room { room - 1 } else { named.len() };
         for (i, series) in named.iter().take(shown).enumerate() {
             let y = top + t * (0.6 + 1.9 * i as f64);
-            self.canvas.line(&polyline(&[Point::new(left, y), Point::new(left + 1.8 * t, y)], false), self.plot.width * 1.2, series.colour);
-            self.text(&shortened(&series.name, self.canvas_right(left), t), [left + 2.6 * t, y + t / 2.0], t, Align::Left, false);
+            self.sheet.canvas.line(
+                &polyline(&[Point::new(left, y), Point::new(left + 1.8 * t, y)], false),
+                self.plot.width * 1.2,
+                series.colour,
+            );
+            self.sheet.text(&shortened(&series.name, self.canvas_right(left), t), [left + 2.6 * t, y + t / 2.0], t, Align::Left, false);
         }
         if shown < named.len() {
             let y = top + t * (1.1 + 1.9 * shown as f64);
-            self.text(&format!("and {} more", named.len() - shown), [left + 2.6 * t, y], t, Align::Left, false);
+            self.sheet.text(&format!("and {} more", named.len() - shown), [left + 2.6 * t, y], t, Align::Left, false);
         }
     }
 
@@ -224,41 +220,22 @@ impl Painter<'_, '_, '_> {
     }
 
     /// The title, and what stands below the lowest panel.
-    fn outside(&mut self, layout: &Layout, width: f64) {
+    fn outside(&mut self, layout: &Layout) {
         let Some(last) = layout.panels.last() else { return };
         let ([left, _, right, bottom], t) = (last.area, self.plot.text);
         for (&x, label) in layout.across.at.iter().zip(&layout.across.labels) {
             let x = libm::floor(self.x_at(last.area, x));
-            self.rectangle([x, bottom + 1.0, x + 1.0, bottom + 1.0 + t * 0.4], SPINE);
-            self.text(label, [x + 0.5, bottom + 2.0 * t], t, Align::Middle, false);
+            self.sheet.rectangle([x, bottom + 1.0, x + 1.0, bottom + 1.0 + t * 0.4], hex(SPINE));
+            self.sheet.text(label, [x + 0.5, bottom + 2.0 * t], t, Align::Middle, false);
         }
         let middle = (left + right) / 2.0;
         let x_label = shortened(&self.plot.x_label, right - left, t);
-        self.text(&x_label, [middle, bottom + 4.2 * t], t, Align::Middle, false);
-        let title = shortened(&self.plot.title, width - 2.0 * t, 1.25 * t);
-        let half = text_width(&title, 1.25 * t) / 2.0;
-        let x = middle.min(width - t - half).max(t + half);
-        self.text(&title, [x, 2.5 * t], 1.25 * t, Align::Middle, false);
+        self.sheet.text(&x_label, [middle, bottom + 4.2 * t], t, Align::Middle, false);
+        self.sheet.title(&self.plot.title, [left, right], t);
     }
 }
 
 fn y_at(place: &PanelLayout, y: f64) -> f64 {
     let ([_, top, _, bottom], [low, high]) = (place.area, place.range);
     bottom - (bottom - top) * ((y - low) / (high - low))
-}
-
-/// The first line of `string`, cut where it is wider than `room`.
-fn shortened(string: &str, room: f64, size: f64) -> String {
-    let line = string.lines().next().unwrap_or("");
-    if text_width(line, size) <= room {
-        return line.to_owned();
-    }
-    let mut kept: String = line.chars().take(400).collect();
-    while kept.pop().is_some() {
-        let cut = format!("{}...", kept.trim_end());
-        if text_width(&cut, size) <= room {
-            return cut;
-        }
-    }
-    String::new()
 }

@@ -1,14 +1,16 @@
-//! Plots of curves over time: panels above each other with one axis of frames.
+//! Plots: curves over time, panels above each other with one axis of frames; matrices of distances with paths through them; bars with names.
 //!
 //! A plot is drawn with exact coverage in linear light, so that it looks the same at any size. Lines are reduced to what their columns of pixels
 //! show and their strokes are united, not added up, so that a line of a hundred thousand frames costs what its pixels cost.
 
 mod draw;
 mod line;
+mod sheet;
 mod ticks;
 
 pub use draw::{PlotError, draw};
 pub use line::reduced;
+pub use sheet::{dashes, shortened, wrapped};
 pub use ticks::{Ticks, ticks};
 
 /// Okabe and Ito's colours that all kinds of sight tell apart, as 0xRRGGBB, in an order that reads on white.
