@@ -10,7 +10,7 @@ use crate::comp::{CompMask, CompMerge, CompOver};
 use crate::curve::{CorrespondCurves, CurveTrace};
 use crate::data::{
     Affine2, Basis, Camera, Correspondences, Curves, Drawing, Field2, Field3, Image, KeyDrawings, KeyImages, KeyShapes, Markers2, Markers3,
-    Matte, Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, WarpPath, Weights,
+    Matte, Mesh, MorphTargets, Pose, Shape, Skeleton, SkinnedMesh, Table, WarpPath, Weights,
 };
 use crate::drawing::DrawingMerge;
 use crate::eval::EvalRms;
@@ -31,7 +31,7 @@ use crate::markers::{MarkersFromPose, MarkersProject, MarkersSmooth};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::mesh::{MeshFeatures, MeshSilhouette, MeshSmooth};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth, MotionWarp};
-use crate::plot::{PlotCurves, PlotPlayhead};
+use crate::plot::{PlotBars, PlotCurves, PlotPlayhead};
 use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseFit, PoseJointAngles, PosePin, PoseProcrustes, PoseResample};
 use crate::render::{RenderCorrespondences, RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, RetargetMeshes, RetargetShapes};
@@ -73,6 +73,7 @@ fn types(registry: Registry) -> Registry {
         .value::<Shape>()
         .value::<Skeleton>()
         .value::<SkinnedMesh>()
+        .value::<Table>()
         .value::<WarpPath>()
         .value::<Weights>()
 }
@@ -159,6 +160,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<MotionPin>()
         .whole::<MotionSmooth>()
         .whole::<MotionWarp>()
+        .whole::<PlotBars>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
         .per_frame::<PoseAlign2d>()

@@ -13,6 +13,7 @@ mod matte;
 mod mesh;
 mod shape;
 mod skeleton;
+mod table;
 mod warp_path;
 mod weights;
 
@@ -30,5 +31,6 @@ pub use matte::Matte;
 pub use mesh::{Mesh, MorphTargets, SkinnedMesh};
 pub use shape::{KeyShapes, Shape};
 pub use skeleton::{Pose, Skeleton};
+pub use table::Table;
 pub use warp_path::WarpPath;
 pub use weights::Weights;

@@ -4,9 +4,9 @@
 //!
 //! **Source** Jain, Sheikh, Hodgins 2009, section 4, figure 10 (each coordinate) and table 1 (mean and maximum).
 //!
-//! Markers that have names go together by them; those that only one stream has are left out.
+//! Markers that have names go together by them; those that only one stream has are left out. `plot.bars` draws the tables of markers and coordinates.
 //!
-//! **Fails when** the streams are of different types, have different numbers of numbers, or no marker in common.
+//! **Fails when** the streams are of different types, have different numbers of numbers, no marker in common, or others from frame to frame.
 //!
 //! **Cost** O(frames · numbers).
 //!
@@ -14,18 +14,19 @@
 //! "error": (type: "eval.rms", values: "@lifted.markers", truth: "@truth", root: "pelvis"),
 //! ```
 
+use pegbar_engine::array::NdArray;
 use pegbar_engine::node::{AnySequence, Context, NodeError, Stream, Whole};
 use pegbar_engine::value::{Curve, ValueRef, Vector, downcast};
 use pegbar_engine::{Node, Outputs};
 
 use crate::basis::numbers;
-use crate::data::{Markers2, Markers3};
+use crate::data::{Markers2, Markers3, Table};
 
 /// How far one stream is from another.
 #[derive(Node)]
 #[node(
     id = "eval.rms",
-    version = 1,
+    version = 2,
     kind = whole,
     outputs = EvalRmsOutputs,
     source = "Jain, Sheikh, Hodgins 2009, section 4, fig. 10 and table 1",
@@ -54,22 +55,69 @@ pub(crate) struct EvalRmsOutputs {
     frames: Stream<Curve>,
     /// How many pairs of numbers were left out, as one of them is NaN: not seen.
     missing: Curve,
+    /// Of each marker, by name: rms, mean and max of its distance over the frames in which both see it. Of each number where there are no markers.
+    markers: Table,
+    /// Of each number, as `left_wrist x`: rms, mean and max of its absolute difference.
+    coordinates: Table,
 }
 
-/// The numbers of the markers that both have, in the order of the first; all numbers where markers have no names.
-fn common((a, names): (Vec<f64>, Vec<String>), (b, others): (Vec<f64>, Vec<String>)) -> (Vec<f64>, Vec<f64>) {
-    if names == others || names.is_empty() || others.is_empty() {
-        return (a, b);
+/// A frame.
+struct Row {
+    numbers: Vec<f64>,
+    /// Of markers.
+    names: Vec<String>,
+    /// Numbers of a marker; 1 where there are none.
+    dims: usize,
+}
+
+/// The numbers of the markers that both have, in the order of the first, and their names; all numbers where markers have no names.
+fn common(a: Row, b: Row) -> (Vec<f64>, Vec<f64>, Vec<String>) {
+    if a.names == b.names || a.names.is_empty() || b.names.is_empty() {
+        let names = if a.names.is_empty() { b.names } else { a.names };
+        return (a.numbers, b.numbers, names);
     }
-    let at = |name: &String| others.iter().position(|n| n == name);
-    let pairs: Vec<(usize, usize)> = names.iter().enumerate().filter_map(|(i, n)| at(n).map(|j| (i, j))).collect();
-    let (m, n) = (a.len() / names.len(), b.len() / others.len());
-    let pick = |all: &[f64], d: usize, k: usize| all[k * d..(k + 1) * d].to_vec();
-    (pairs.iter().flat_map(|p| pick(&a, m, p.0)).collect(), pairs.iter().flat_map(|p| pick(&b, n, p.1)).collect())
+    let at = |name: &String| b.names.iter().position(|n| n == name);
+    let pairs: Vec<(usize, usize)> = a.names.iter().enumerate().filter_map(|(i, n)| at(n).map(|j| (i, j))).collect();
+    let pick = |row: &Row, k: usize| row.numbers[k * row.dims..(k + 1) * row.dims].to_vec();
+    let names = pairs.iter().map(|p| a.names[p.0].clone()).collect();
+    (pairs.iter().flat_map(|p| pick(&a, p.0)).collect(), pairs.iter().flat_map(|p| pick(&b, p.1)).collect(), names)
+}
+
+/// What was found of one marker, or one number.
+#[derive(Clone, Default)]
+struct Found {
+    squares: f64,
+    sum: f64,
+    max: f64,
+    count: usize,
+}
+
+impl Found {
+    /// Adds the square of a distance; NaN counts nothing.
+    fn add(&mut self, square: f64) {
+        if !square.is_nan() {
+            self.squares += square;
+            self.sum += square.sqrt();
+            self.max = self.max.max(square.sqrt());
+            self.count += 1;
+        }
+    }
+
+    /// RMS, mean and max; NaN where it was never seen.
+    fn row(&self) -> [f64; 3] {
+        let n = self.count as f64;
+        if self.count > 0 { [(self.squares / n).sqrt(), self.sum / n, self.max] } else { [f64::NAN; 3] }
+    }
+}
+
+fn table(found: &[Found], rows: Vec<String>) -> Result<Table, NodeError> {
+    let values = NdArray::new([found.len(), 3], found.iter().flat_map(Found::row).collect());
+    let values = values.ok_or_else(|| NodeError::internal("a table of another size"))?;
+    Ok(Table { values, rows, columns: ["rms", "mean", "max"].map(str::to_owned).to_vec() })
 }
 
 /// A frame's numbers, those of markers from the root.
-fn row(value: &ValueRef, root: Option<&str>) -> Result<(Vec<f64>, Vec<String>), NodeError> {
+fn row(value: &ValueRef, root: Option<&str>) -> Result<Row, NodeError> {
     let from = |names: &[String], points: &dyn Fn(usize) -> Vec<f64>| {
         let Some(root) = root else { return Ok(Vec::new()) };
         let at = names.iter().position(|n| n == root);
@@ -80,22 +128,24 @@ fn row(value: &ValueRef, root: Option<&str>) -> Result<(Vec<f64>, Vec<String>), 
         d => all.chunks_exact(d).flat_map(|p| p.iter().zip(&origin).map(|(a, b)| a - b).collect::<Vec<_>>()).collect(),
     };
     if let Some(m) = downcast::<Markers3>(value.clone()) {
-        return Ok((less(m.points.concat(), from(&m.names, &|k| m.points[k].to_vec())?), m.names.clone()));
+        let numbers = less(m.points.concat(), from(&m.names, &|k| m.points[k].to_vec())?);
+        return Ok(Row { numbers, names: m.names.clone(), dims: 3 });
     }
     if let Some(m) = downcast::<Markers2>(value.clone()) {
-        return Ok((less(m.points.concat(), from(&m.names, &|k| m.points[k].to_vec())?), m.names.clone()));
+        let numbers = less(m.points.concat(), from(&m.names, &|k| m.points[k].to_vec())?);
+        return Ok(Row { numbers, names: m.names.clone(), dims: 2 });
     }
     if root.is_some() {
         return Err(NodeError::input(format!("root: expected markers, found {} values", value.type_name())));
     }
-    Ok((numbers(value), Vec::new()))
+    Ok(Row { numbers: numbers(value), names: Vec::new(), dims: 1 })
 }
 
 impl Whole for EvalRms {
     fn run(self, cx: &Context) -> Result<EvalRmsOutputs, NodeError> {
         let n = self.values.len().max(self.truth.len());
-        let mut sums: Vec<f64> = Vec::new();
-        let mut counts: Vec<usize> = Vec::new();
+        let (mut each, mut whole): (Vec<Found>, Vec<Found>) = Default::default();
+        let (mut names, mut dims) = (Vec::new(), 1);
         let mut frames = Vec::with_capacity(n);
         for k in 0..n {
             cx.check()?;
@@ -108,37 +158,46 @@ impl Whole for EvalRms {
             }
             let read =
                 |v: &ValueRef| row(v, self.root.as_deref()).map_err(|e| NodeError { message: located(e.message.clone()).message, ..e });
-            let (a, b) = common(read(&value)?, read(&truth)?);
-            let expected = if sums.is_empty() { b.len() } else { sums.len() };
+            let (value, truth) = (read(&value)?, read(&truth)?);
+            dims = value.dims;
+            let (a, b, called) = common(value, truth);
+            let expected = if each.is_empty() { b.len() } else { each.len() };
             if a.len() != expected || b.len() != expected {
                 return Err(located(format!("expected {expected} numbers in both, found {} and {}", a.len(), b.len())));
             }
             if a.is_empty() {
                 return Err(located("expected markers of the same names in both, found none".to_owned()));
             }
-            sums.resize(expected, 0.0);
-            counts.resize(expected, 0);
-            let squares: Vec<f64> = a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).collect();
-            for ((sum, count), s) in sums.iter_mut().zip(&mut counts).zip(&squares).filter(|(_, s)| !s.is_nan()) {
-                *sum += s;
-                *count += 1;
+            if each.is_empty() {
+                names = called;
+            } else if names != called {
+                return Err(located("expected markers of the same names as in the frames before, in their order, found others".to_owned()));
             }
+            each.resize(expected, Found::default());
+            whole.resize(expected / dims, Found::default());
+            let squares: Vec<f64> = a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).collect();
+            each.iter_mut().zip(&squares).for_each(|(f, s)| f.add(*s));
+            whole.iter_mut().zip(squares.chunks_exact(dims)).for_each(|(f, s)| f.add(s.iter().sum()));
             let seen: Vec<f64> = squares.into_iter().filter(|s| !s.is_nan()).collect();
             frames.push(Curve { value: (seen.iter().sum::<f64>() / seen.len().max(1) as f64).sqrt() });
         }
         while let (true, Some(last)) = (frames.len() < cx.clock.len(), frames.last()) {
             frames.push(last.clone());
         }
-        let rms: Vec<f64> = sums.iter().zip(&counts).map(|(s, c)| if *c > 0 { (s / *c as f64).sqrt() } else { f64::NAN }).collect();
+        let rms: Vec<f64> = each.iter().map(|f| f.row()[0]).collect();
         let known: Vec<f64> = rms.iter().copied().filter(|v| !v.is_nan()).collect();
         let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
-        let missing = counts.iter().map(|c| n - c).sum::<usize>();
+        let missing = each.iter().map(|f| n - f.count).sum::<usize>();
+        let coordinates =
+            names.iter().flat_map(|name| ["x", "y", "z"][..dims.min(3)].iter().map(move |axis| format!("{name} {axis}"))).collect();
         let curve = |value: f64| Curve { value };
         Ok(EvalRmsOutputs {
             mean: curve(mean),
             max: curve(known.iter().copied().fold(0.0, f64::max)),
             frames: Stream(frames),
             missing: curve(missing as f64),
+            markers: table(&whole, names.clone())?,
+            coordinates: table(&each, coordinates)?,
             rms: Vector { values: rms },
         })
     }
@@ -168,6 +227,33 @@ mod tests {
         assert!(found.rms.values[5].is_nan());
         assert_eq!((found.mean.value, found.max.value, found.missing.value), (2.0 * side / 5.0, side, 4.0));
         assert_eq!(found.frames.0[1].value, (32.0_f64 / 5.0).sqrt());
+    }
+
+    #[test]
+    fn tables_tell_of_each_marker_and_each_coordinate() {
+        let found = run(counted(4, |k| markers([3.0, 4.0, -3.0, -4.0][k])).0, counted(4, |_| markers(0.0)).0, None).unwrap();
+        assert_eq!(
+            (found.markers.rows, found.markers.columns),
+            (vec!["a".to_owned(), "b".to_owned()], ["rms", "mean", "max"].map(str::to_owned).to_vec())
+        );
+        // The second is never seen as a whole: its z is not known.
+        assert_eq!(found.markers.values.data()[..3], [12.5_f64.sqrt(), 3.5, 4.0]);
+        assert!(found.markers.values.data()[3..].iter().all(|v| v.is_nan()));
+        assert_eq!(found.coordinates.rows, ["a x", "a y", "a z", "b x", "b y", "b z"]);
+        assert_eq!(found.coordinates.column("max").unwrap()[..5], [4.0, 0.0, 0.0, 4.0, 0.0]);
+        let both = |k: usize| Markers2 { points: vec![[3.0 * k as f64, 4.0 * k as f64]], names: Vec::new() };
+        let found = run(counted(4, both).0, counted(1, move |_| both(0)).0, None).unwrap();
+        assert_eq!((found.markers.rows.len(), found.markers.values.data()), (0, &[87.5_f64.sqrt(), 7.5, 15.0][..]));
+        assert_eq!(found.coordinates.column("mean").unwrap(), [4.5, 6.0]);
+        let plain = run(counted(4, |k| Vector { values: vec![k as f64] }).0, counted(4, |_| Vector { values: vec![1.0] }).0, None).unwrap();
+        assert_eq!((plain.markers.column("max").unwrap(), plain.markers.rows.len()), (vec![2.0], 0));
+    }
+
+    #[test]
+    fn markers_do_not_change_their_names() {
+        let other = |k: usize| Markers2 { points: vec![[0.0; 2]; 2], names: [["a", "b"], ["b", "a"]][k / 2].map(str::to_owned).to_vec() };
+        let error = run(counted(4, other).0, counted(4, other).0, None).err().unwrap();
+        assert_eq!(error.message, "frame 3: expected markers of the same names as in the frames before, in their order, found others");
     }
 
     #[test]

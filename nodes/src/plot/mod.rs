@@ -1,10 +1,12 @@
-//! Plots of values over time.
+//! Plots: values over time, time warps, measures.
 
+mod bars;
 mod curves;
 mod gather;
 mod playhead;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use bars::PlotBars;
 pub(crate) use curves::PlotCurves;
 pub(crate) use playhead::PlotPlayhead;

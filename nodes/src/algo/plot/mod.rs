@@ -3,11 +3,13 @@
 //! A plot is drawn with exact coverage in linear light, so that it looks the same at any size. Lines are reduced to what their columns of pixels
 //! show and their strokes are united, not added up, so that a line of a hundred thousand frames costs what its pixels cost.
 
+mod bars;
 mod draw;
 mod line;
 mod sheet;
 mod ticks;
 
+pub use bars::{BarPlot, BarSeries, draw_bars};
 pub use draw::{PlotError, draw};
 pub use line::reduced;
 pub use sheet::{dashes, shortened, wrapped};
