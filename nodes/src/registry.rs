@@ -31,7 +31,7 @@ use crate::markers::{MarkersFromPose, MarkersProject, MarkersSmooth};
 use crate::matte::{MatteColorClusters, MatteFromImage};
 use crate::mesh::{MeshFeatures, MeshSilhouette, MeshSmooth};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth, MotionWarp};
-use crate::plot::{PlotBars, PlotCurves, PlotPlayhead};
+use crate::plot::{PlotBars, PlotCostMatrix, PlotCurves, PlotPlayhead};
 use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseFit, PoseJointAngles, PosePin, PoseProcrustes, PoseResample};
 use crate::render::{RenderCorrespondences, RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, RetargetMeshes, RetargetShapes};
@@ -161,6 +161,7 @@ fn nodes(registry: Registry) -> Registry {
         .whole::<MotionSmooth>()
         .whole::<MotionWarp>()
         .whole::<PlotBars>()
+        .whole::<PlotCostMatrix>()
         .whole::<PlotCurves>()
         .per_frame::<PlotPlayhead>()
         .per_frame::<PoseAlign2d>()

@@ -86,7 +86,7 @@ pub(crate) struct RetimeDtwOutputs {
 }
 
 /// A series out of a stream, and whatever weighs it.
-fn series(values: &Sequence<Vector>, weights: Option<&Sequence<Vector>>, name: &str) -> Result<Series, NodeError> {
+pub(crate) fn series(values: &Sequence<Vector>, weights: Option<&Sequence<Vector>>, name: &str) -> Result<Series, NodeError> {
     // A single value among weights stands for all frames.
     let read = |s: &Sequence<Vector>| (0..values.len()).map(|k| s.get(k.min(s.len().saturating_sub(1)))).collect::<Result<Vec<_>, _>>();
     let weights = weights.filter(|w| !w.is_empty()).map(read).transpose()?;
@@ -97,7 +97,7 @@ fn series(values: &Sequence<Vector>, weights: Option<&Sequence<Vector>>, name: &
 }
 
 /// Position of a whole frame number on a clock.
-fn position(clock: &Clock, frame: f64, what: &str) -> Result<usize, NodeError> {
+pub(crate) fn position(clock: &Clock, frame: f64, what: &str) -> Result<usize, NodeError> {
     let at = clock.index(frame as i64).filter(|_| frame.fract() == 0.0);
     at.ok_or_else(|| NodeError::input(format!("pins: expected whole {what} frames from {} to {}, found {frame}", clock.first, clock.last)))
 }

@@ -10,7 +10,7 @@ mod pick;
 mod resample;
 mod retime;
 
-pub(crate) use dtw::RetimeDtw;
+pub(crate) use dtw::{RetimeDtw, position, series};
 pub(crate) use find_holds::TimeFindHolds;
 pub(crate) use hold::TimeHold;
 pub(crate) use offset::TimeOffset;

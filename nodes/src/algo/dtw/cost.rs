@@ -99,7 +99,7 @@ impl Series {
 }
 
 /// Rows of distances between two series.
-pub(super) struct Costs {
+pub struct Costs {
     pub(super) n: usize,
     pub(super) m: usize,
     pub(super) k: usize,
@@ -133,7 +133,8 @@ fn transposed(rows: &[f64], k: usize) -> Vec<f64> {
 }
 
 impl Costs {
-    pub(super) fn new(target: &Series, source: &Series, metric: Metric) -> Self {
+    /// Of two series with as many numbers a frame.
+    pub fn new(target: &Series, source: &Series, metric: Metric) -> Self {
         let k = target.dims;
         let numbers = |s: &Series| match metric {
             Metric::Angle => s.values.iter().copied().map(wrapped).collect(),
@@ -145,8 +146,8 @@ impl Costs {
         Self { n: target.len(), m: source.len(), k, metric, a: numbers(target), b: transposed(&numbers(source), k), weights }
     }
 
-    /// Distances of target frame `i` to source frames from `first` on.
-    pub(super) fn row(&self, i: usize, first: usize, out: &mut [f64]) {
+    /// Distances of target frame `i` to source frames from `first` on, as many as `out` holds. Cost: O(numbers of a frame · `out`).
+    pub fn row(&self, i: usize, first: usize, out: &mut [f64]) {
         let a = &self.a[i * self.k..][..self.k];
         match (&self.weights, self.metric) {
             (None, Metric::Angle) => plain_row::<true>(a, &self.b, self.m, first, out),

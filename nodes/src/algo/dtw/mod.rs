@@ -13,13 +13,12 @@ mod symmetric;
 mod tests;
 mod window;
 
-pub use cost::{Metric, Series, SeriesError};
+pub use cost::{Costs, Metric, Series, SeriesError};
 pub use frames::{Drawings, source_frames};
 pub use window::{Band, BandShape};
 
 use pegbar_engine::Setting;
 
-use cost::Costs;
 use window::Window;
 
 /// From which cells a path comes to the next, and how their distances count. Rows are the target's frames, columns the source's.
@@ -132,13 +131,8 @@ const TILES: usize = 64;
 /// Series that are empty or of different dimensions, pins outside them, and windows, pins or steps that leave no path.
 /// Cost: O(n m k), a window's share of it.
 pub fn dtw(target: &Series, source: &Series, metric: Metric, options: &Options) -> Result<Alignment, DtwError> {
+    comparable(target, source)?;
     let (n, m) = (target.len(), source.len());
-    if n == 0 || m == 0 || target.dims() == 0 {
-        return Err(DtwError::Empty { n, m, dims: target.dims() });
-    }
-    if target.dims() != source.dims() {
-        return Err(DtwError::Dimensions { target: target.dims(), found: source.dims() });
-    }
     let window = Window::new(n, m, options)?;
     let costs = Costs::new(target, source, metric);
     let alignment = match options.steps {
@@ -148,6 +142,30 @@ pub fn dtw(target: &Series, source: &Series, metric: Metric, options: &Options) 
         _ => slopes::align(&costs, &window, options),
     };
     alignment.ok_or(DtwError::NoPath { n, m, steps: options.steps })
+}
+
+/// Nothing, where two series have frames with the same number of numbers.
+///
+/// # Errors
+/// Series that are empty or of different dimensions.
+pub fn comparable(target: &Series, source: &Series) -> Result<(), DtwError> {
+    let (n, m) = (target.len(), source.len());
+    if n == 0 || m == 0 || target.dims() == 0 {
+        return Err(DtwError::Empty { n, m, dims: target.dims() });
+    }
+    if target.dims() != source.dims() {
+        return Err(DtwError::Dimensions { target: target.dims(), found: source.dims() });
+    }
+    Ok(())
+}
+
+/// First and last column, from 0, that a path may run through in each row of `n` target frames and `m` source frames; the last before the first where
+/// nothing gets through.
+///
+/// # Errors
+/// Pins outside the series.
+pub fn allowed(n: usize, m: usize, options: &Options) -> Result<Vec<[usize; 2]>, DtwError> {
+    Window::new(n, m, options).map(|w| w.rows)
 }
 
 /// The column in which the path ends, by the last row of sums; `None` where nothing came there.

@@ -6,12 +6,16 @@
 mod bars;
 mod draw;
 mod line;
+mod matrix;
+mod ramp;
 mod sheet;
 mod ticks;
 
 pub use bars::{BarPlot, BarSeries, draw_bars};
 pub use draw::{PlotError, draw};
 pub use line::reduced;
+pub use matrix::{MatrixPlot, Shrunk, draw_matrix, matrix_area};
+pub use ramp::Ramp;
 pub use sheet::{dashes, shortened, wrapped};
 pub use ticks::{Ticks, ticks};
 
