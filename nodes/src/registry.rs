@@ -33,7 +33,7 @@ use crate::mesh::{MeshFeatures, MeshSilhouette, MeshSmooth};
 use crate::motion::{MotionAnticipate, MotionExaggerate, MotionFollowThrough, MotionKeys, MotionPin, MotionSmooth, MotionWarp};
 use crate::plot::{PlotBars, PlotCostMatrix, PlotCurves, PlotPlayhead};
 use crate::pose::{MeshPin, PoseAlign2d, PoseDescriptor, PoseFit, PoseJointAngles, PosePin, PoseProcrustes, PoseResample};
-use crate::render::{RenderCorrespondences, RenderDrawings, RenderShadow, RenderShapes, RenderStrip, RenderToon};
+use crate::render::{RenderCorrespondences, RenderDrawings, RenderMarkers, RenderShadow, RenderShapes, RenderStrip, RenderToon};
 use crate::retarget::{RetargetDrawings, RetargetImage, RetargetJointAngles, RetargetMeshes, RetargetShapes};
 use crate::shape::{ShapeFitAffine, ShapeResample, ShapeTrace};
 use crate::skin::SkinLinearBlend;
@@ -173,6 +173,7 @@ fn nodes(registry: Registry) -> Registry {
         .per_frame::<PoseResample>()
         .per_frame::<RenderCorrespondences>()
         .per_frame::<RenderDrawings>()
+        .per_frame::<RenderMarkers>()
         .per_frame::<RenderShadow>()
         .per_frame::<RenderShapes>()
         .whole::<RenderStrip>()

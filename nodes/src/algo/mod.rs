@@ -35,6 +35,7 @@ pub mod key_weights;
 pub mod keyframes;
 pub mod layered_warp;
 pub mod lift;
+pub mod marker_overlay;
 pub mod markers;
 pub mod merge;
 pub mod mesh;

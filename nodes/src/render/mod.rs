@@ -2,6 +2,7 @@
 
 mod correspondences;
 mod drawings;
+mod markers;
 mod scene;
 mod shadow;
 mod shapes;
@@ -12,6 +13,7 @@ mod toon;
 
 pub(crate) use correspondences::RenderCorrespondences;
 pub(crate) use drawings::{Pen, RenderDrawings};
+pub(crate) use markers::RenderMarkers;
 pub(crate) use scene::seen_by;
 pub(crate) use shadow::RenderShadow;
 pub(crate) use shapes::RenderShapes;

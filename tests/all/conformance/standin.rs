@@ -197,6 +197,8 @@ pub(super) fn literals(schema: &NodeSchema, input: &InputSchema) -> Vec<String> 
         ("path to read", "io.read_amc") => texts(&["\"a.amc\"", "\"b.amc\""]),
         ("path to read", "io.read_bvh") => texts(&["\"a.bvh\"", "\"b.bvh\""]),
         (list, _) if list.starts_with("list of limbs") => texts(&["[(\"a\", \"b\")]", "[(\"b\", \"a\")]"]),
+        (list, _) if list.starts_with("list of marker shapes") => texts(&["[cross]", "[square, dot]"]),
+        (list, _) if list.starts_with("list of pairs of sets") => texts(&["[(\"a\", \"b\")]", "[(\"b\", \"a\")]"]),
         (list, _) if list.starts_with("list of chains") => texts(&["[[\"a\", \"b\"]]", "[[\"b\", \"a\"]]"]),
         (list, _) if list.starts_with("list of edits") => texts(&["[(frame: 2, before: 1, shows: 2.5)]", "[(frame: 3, after: 2)]"]),
         (list, _) if list.starts_with("list of curves") => texts(&["[(vertices: [0, 1])]", "[(vertices: [1, 2], closed: true)]"]),
