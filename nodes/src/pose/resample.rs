@@ -34,18 +34,18 @@ use crate::data::Pose;
 pub(crate) struct PoseResample {
     /// The motion, on any clock.
     #[input(any_clock)]
-    pose: Frames<Pose>,
+    pub(super) pose: Frames<Pose>,
     /// Frame of the motion for each frame of the result's clock, between frames too, as `retime.dtw` with `smooth` makes it. Where it is left out both clocks
     /// start together and the motion plays in its own time.
     #[input(constant)]
-    map: Option<In<TimeMap>>,
+    pub(super) map: Option<In<TimeMap>>,
     /// Speed without a map: 2 plays twice as fast, 0.5 half as fast.
     #[input(default = 1.0, range = 0.001..=1000.0, constant)]
-    speed: f64,
+    pub(super) speed: f64,
     /// The clock of the result: the one that the map was made for.
     #[input(default = "frames")]
     #[allow(dead_code, reason = "the checker reads it")]
-    clock: ClockName,
+    pub(super) clock: ClockName,
 }
 
 /// The motion.
