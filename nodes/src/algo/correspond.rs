@@ -76,6 +76,9 @@ pub struct Options {
     pub spacing: f64,
 }
 
+/// How much farther than from the nearest curve an anchor may be from others that it is of too, pixels: two traces of one line are as far apart.
+const MEET: f64 = 1.0;
+
 /// What was paired.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Paired {
@@ -99,14 +102,16 @@ pub fn pair(
 ) -> Result<Paired, CorrespondError> {
     let net = Net::new(lines, visible, options.bridge);
     let mut out = Paired::default();
-    for curve in drawn {
-        let own = Along::new(curve);
+    let curves: Vec<Along<'_>> = drawn.iter().map(Along::new).collect();
+    // Where curves run close to each other an anchor is of the nearest; of several only where they meet.
+    let least: Vec<f64> = anchors.iter().map(|a| curves.iter().map(|c| c.nearest(a.drawn).0).fold(options.snap, f64::min)).collect();
+    for (curve, own) in drawn.iter().zip(&curves) {
         let mut on: Vec<(f64, usize)> = anchors
             .iter()
             .enumerate()
             .filter(|(_, a)| a.line_point.is_some())
             .map(|(k, a)| (own.nearest(a.drawn), k))
-            .filter(|((off, _), _)| *off <= options.snap)
+            .filter(|((off, _), k)| *off <= options.snap.min(least[*k] + MEET))
             .map(|((_, place), k)| (place, k))
             .collect();
         on.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -502,6 +507,26 @@ mod tests {
         };
         assert!(at_corner(Pairing::Length) > 10.0);
         assert!(at_corner(Pairing::Corners) < 3.0, "{}", at_corner(Pairing::Corners));
+    }
+
+    #[test]
+    fn an_anchor_is_of_the_nearest_of_curves_that_run_close_by() {
+        // Two lines of the mesh, drawn two pixels from each other, less than an anchor may be off: eyes that nearly touch.
+        let [left, right] = [0.0, 40.0].map(|x| (0..=50).map(|i| [x, f64::from(i)]).collect::<Vec<_>>());
+        let lines = [Strand { first: 0, points: &left, closed: false }, Strand { first: 51, points: &right, closed: false }];
+        let drawn = [19.0, 21.0].map(|x| vec![[x, 0.0], [x, 50.0]]);
+        let curves = [strand(&drawn[0], false), strand(&drawn[1], false)];
+        let on = |line_point: usize, x: f64, y: f64| Anchor { line_point: Some(line_point), drawn: [x, y] };
+        let found = pair(&lines, &[], &curves, &[on(0, 19.0, 0.0), on(50, 19.3, 50.0), on(51, 21.0, 0.0), on(101, 20.8, 50.0)], &options())
+            .unwrap();
+        assert_eq!((found.sections, found.pairs.len()), (2, 98));
+        assert!(found.pairs.iter().all(|p| (p.drawn[0] - if p.line_point <= 50 { 19.0 } else { 21.0 }).abs() < 1e-9));
+        // Where they meet it is of both.
+        let cross = [vec![[0.0, 10.0], [50.0, 10.0]], vec![[25.0, 10.3], [25.0, 50.0]]];
+        let mesh: Vec<[f64; 2]> = (0..=50).map(|i| [f64::from(i), 10.0]).chain((1..=40).map(|i| [25.0, 10.0 + f64::from(i)])).collect();
+        let tee = [Strand { first: 0, points: &mesh[..51], closed: false }, Strand { first: 51, points: &mesh[51..], closed: false }];
+        let ends = [on(0, 0.0, 10.0), on(25, 25.0, 10.0), on(50, 50.0, 10.0), on(90, 25.0, 50.0)];
+        assert_eq!(pair(&tee, &[], &[strand(&cross[0], false), strand(&cross[1], false)], &ends, &options()).unwrap().sections, 3);
     }
 
     #[test]
