@@ -121,7 +121,10 @@ fn rim([r, g, b, _]: [f32; 4]) -> [f32; 4] {
     if light > 0.25 { hex(0x10_10_10) } else { hex(0xFF_FF_FF) }.map(|v| v * 0.85)
 }
 
-/// Draws all. Cost: O(length of the lines + named markers squared).
+/// Draws all on `data`, `width` by `height` pixels of four channels, linear and premultiplied. Cost: O(length of the lines + named markers squared).
+///
+/// # Errors
+/// Where `data` is of another length.
 pub fn draw(overlay: &Overlay, data: &mut [f32], width: usize, height: usize) -> Result<(), super::paint::PaintError> {
     let mut painter = Painter { overlay, canvas: Canvas::new(data, width, height)?, size: [width as f64, height as f64] };
     overlay.sets.iter().for_each(|set| painter.limbs(set));
