@@ -14,7 +14,7 @@
 //! "overlay": (type: "render.markers", background: "@drawn", markers: ["@markers", "@lifted"], labels: ["drawn", "lifted"], errors: [("drawn", "lifted")]),
 //! ```
 
-use pegbar_engine::node::{Context, In, List, NodeError, PerFrame, Problem};
+use pegbar_engine::node::{Context, Fault, In, List, NodeError, PerFrame, Problem};
 use pegbar_engine::setting::{Setting, SettingError};
 use pegbar_engine::syntax::{Extensions, parse_slice};
 use pegbar_engine::{Node, Setting};
@@ -233,12 +233,17 @@ impl RenderMarkers {
     }
 
     fn lines(&self, sets: &[MarkerSet]) -> Result<Vec<Errors>, NodeError> {
-        let find = |label: &String| sets.iter().position(|s| s.label == *label);
+        let find = |label: &String| {
+            let at = sets.iter().position(|s| s.label == *label && !label.is_empty());
+            at.ok_or_else(|| {
+                let there = sets.iter().filter(|s| !s.label.is_empty()).map(|s| format!("{:?}", s.label)).collect::<Vec<_>>().join(", ");
+                let there = if there.is_empty() { "no set has a label".to_owned() } else { format!("the labels are {there}") };
+                let message = format!("errors: expected labels of sets, found {label:?}");
+                NodeError::new(Fault::Parameters, message).help(there)
+            })
+        };
         let one = |(from, to): &(String, String)| {
-            // Labels were looked for when the graph was checked; a shorter list of sets is left.
-            let (Some(a), Some(b)) = (find(from), find(to)) else {
-                return Err(NodeError::input(format!("errors: expected sets {from:?} and {to:?}, found {} sets", sets.len())));
-            };
+            let (a, b) = (find(from)?, find(to)?);
             let pairs = pairs(&sets[a], &sets[b]).map_err(|e| NodeError::input(format!("errors: {from:?} to {to:?}: {e}")))?;
             Ok(Errors { sets: [a, b], pairs })
         };
@@ -312,16 +317,6 @@ impl PerFrame for RenderMarkers {
         for (i, label) in self.labels.iter().enumerate().filter(|(_, l)| !l.is_empty()) {
             if self.labels[..i].contains(label) {
                 problems.push(Problem { input: "labels", message: format!("expected one set of each label, found two {label:?}") });
-            }
-        }
-        for label in self.errors.0.iter().flat_map(|(from, to)| [from, to]) {
-            if label.is_empty() || !self.labels.contains(label) {
-                let there = self.labels.iter().map(|l| format!("{l:?}")).collect::<Vec<_>>().join(", ");
-                let there = if there.is_empty() { "none".to_owned() } else { there };
-                problems.push(Problem {
-                    input: "errors",
-                    message: format!("expected labels of sets, found {label:?}; the labels are {there}"),
-                });
             }
         }
         problems
