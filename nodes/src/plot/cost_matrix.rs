@@ -124,7 +124,7 @@ impl Along {
     /// Mean and largest in words.
     fn caption(&self, unit: &str, first: [i64; 2]) -> String {
         let (sum, count) = self.rows.iter().fold((0.0, 0), |(s, n), r| (s + r.0, n + r.1));
-        let Some((most, [i, j])) = self.largest else { return String::new() };
+        let Some((most, [i, j])) = self.largest else { return "path: no distance known".to_owned() };
         let (frame, source) = (first[0] + i as i64, first[1] + j as i64);
         format!("path: mean {:.3}{unit}, largest {most:.3}{unit} at ({frame}, {source})", sum / count as f64)
     }

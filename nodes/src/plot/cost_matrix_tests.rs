@@ -86,6 +86,14 @@ fn the_path_is_drawn_and_measured() {
 }
 
 #[test]
+fn a_path_of_nothing_is_drawn_as_nothing() {
+    let found = run(PlotCostMatrix { path: path(&[]), ..node() }).unwrap();
+    assert!(found.distance.0.iter().all(|d| d.value.is_nan()));
+    assert!((at(&found, 1.2, 2.2) - Ramp::Gray.at(distance(0.0, 0.5) / 4.0)[0]).abs() < 1e-6);
+    assert_eq!(Along::default().caption("", [1, 1]), "path: no distance known");
+}
+
+#[test]
 fn what_a_band_shuts_is_veiled() {
     let found = run(PlotCostMatrix { pins: vec![[2.0, 3.0]], ..node() }).unwrap();
     // Before the pin nothing comes behind its frame, and after it nothing before.

@@ -54,8 +54,11 @@ impl Shrunk {
         }
     }
 
-    /// The mean at column `x` and row `y` of pixels, from the top left; NaN where nothing is finite.
+    /// The mean at column `x` and row `y` of pixels, from the top left; NaN where nothing is finite, and outside.
     pub fn at(&self, x: usize, y: usize) -> f64 {
+        if x >= self.size[0] || y >= self.size[1] {
+            return f64::NAN;
+        }
         let at = x * self.size[1] + self.size[1] - 1 - y;
         if self.areas[at] > 0.0 { self.sums[at] / self.areas[at] } else { f64::NAN }
     }
@@ -410,6 +413,7 @@ mod tests {
     fn what_is_not_finite_counts_nothing() {
         let found = shrunk(&[&[1.0, f64::INFINITY], &[3.0, f64::NAN]], [1, 2]);
         assert!(found.at(0, 0).is_nan() && found.at(0, 1) == 2.0 && found.has_gaps());
+        assert!(found.at(1, 0).is_nan() && found.at(0, 2).is_nan());
         assert_eq!(shrunk(&[&[f64::NAN]], [1, 1]).ends(), None);
     }
 
