@@ -18,8 +18,11 @@ const NAMES: [&str; 3] = ["left_shoulder", "left_elbow", "left_wrist"];
 const PLACES: [[f64; 2]; 3] = [[10.5, 10.5], [30.5, 10.5], [30.5, 30.5]];
 const NAN: [f64; 2] = [f64::NAN; 2];
 
+/// A name, places and the names of those.
+type Set<'a> = (&'a str, &'a [[f64; 2]], &'a [&'a str]);
+
 /// The nodes of a picture of some sets; files are in the folder for as long as it is there.
-fn graph(sets: &[(&str, &[[f64; 2]], &[&str])], more: &str) -> (tempfile::TempDir, String) {
+fn graph(sets: &[Set<'_>], more: &str) -> (tempfile::TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
     let nodes: String = sets.iter().map(|(name, points, names)| file(&folder, name, points, names)).collect();
     let references: Vec<String> = sets.iter().map(|(name, ..)| format!("\"@{name}\"")).collect();
@@ -27,7 +30,7 @@ fn graph(sets: &[(&str, &[[f64; 2]], &[&str])], more: &str) -> (tempfile::TempDi
     (folder, format!("{nodes} {out}"))
 }
 
-fn run(sets: &[(&str, &[[f64; 2]], &[&str])], more: &str) -> Result<Arc<Image>, String> {
+fn run(sets: &[Set<'_>], more: &str) -> Result<Arc<Image>, String> {
     let (_folder, nodes) = graph(sets, more);
     pictures(&nodes, 2).map(|mut p| p.remove(0))
 }
@@ -75,7 +78,7 @@ fn sets_differ_in_colour_and_shape_and_are_joined() {
 #[test]
 fn sets_are_brought_together_by_their_roots() {
     let moved = PLACES.map(|[x, y]| [x + 15.0, y + 3.0]);
-    let sets: [(&str, &[[f64; 2]], &[&str]); 2] = [("a", &PLACES, &NAMES), ("b", &moved, &NAMES)];
+    let sets: [Set<'_>; 2] = [("a", &PLACES, &NAMES), ("b", &moved, &NAMES)];
     let bare = r#", shapes: [dot], limb_width: 0.0, colors: [(0.0, 0.0, 1.0)]"#;
     let (apart, one) = (run(&sets, bare).unwrap(), run(&sets[..1], bare).unwrap());
     let together = run(&sets, &format!("{bare}, root: \"left_elbow\"")).unwrap();
