@@ -22,19 +22,23 @@ use pegbar_engine::{Node, Outputs, Value};
 use super::affine::{Search, code, outline};
 use crate::algo::pose_map::PoseMap;
 use crate::algo::raster::{Affine, apply};
-use crate::algo::track_affine::eigen::{EigenError, EigenOptions, EigenStart, EigenTemplate, EigenTrack, Pictures};
+use crate::algo::track_affine::eigen::{
+    Drawn, DrawnPose, EigenError, EigenOptions, EigenStart, EigenTemplate, EigenTrack, Pictures, placed,
+};
 use crate::algo::track_affine::{Guess, Model, Options, Robust};
-use crate::data::{Affine2, Basis, BasisKind, Image, KeyShapes, Matte, Shape, Weights};
+use crate::algo::window::Window;
+use crate::data::{Affine2, Basis, BasisKind, Drawing, Image, KeyDrawings, KeyShapes, Matte, Shape, Weights};
 use crate::keys::contours;
+use crate::render::{Pen, blank};
 
 /// Follows a character through the footage, and reads which of its poses it shows.
 ///
-/// The poses are a space of pictures, made by `keys.inbetween` and `keys.basis`. With the key shapes of the same examples the character's contour comes
-/// out too: `solve.key_weights` makes weights of the hand-drawn keys of it.
+/// The poses are a space of pictures, made by `keys.inbetween` and `keys.basis`. With the key shapes of the same examples the character's
+/// contour comes out too: `solve.key_weights` makes weights of the hand-drawn keys of it.
 #[derive(Node)]
 #[node(
     id = "track.eigen",
-    version = 2,
+    version = 3,
     kind = recurrent,
     outputs = TrackEigenOutputs,
     source = "Bregler, Loeb, Chuang, Deshpande 2002, eqs. 14, 15; Black, Jepson 1998",
@@ -47,13 +51,17 @@ pub(crate) struct TrackEigen {
     matte: Option<Frames<Matte>>,
     /// The space of pictures.
     basis: In<Basis>,
-    /// The contours of the examples, in the order of the pictures that the space was made of; or those of the components and the mean, as `keys.basis`
-    /// gives them. None where no contour is wanted.
+    /// The contours of the examples, in the order of the pictures that the space was made of; or those of the components and the mean, as
+    /// `keys.basis` gives them. None where no contour is wanted.
     keys: Option<In<KeyShapes>>,
+    /// The key drawings that the pictures were made of. With them each pose is drawn anew at the finest levels, which is what makes the
+    /// pose exact: pictures span what lies between them badly where they are far apart.
+    drawings: Option<In<KeyDrawings>>,
     /// The frame where tracking begins, best one that shows the character well. The clock's first where it is left out.
     #[input(default = None)]
     first: Option<i64>,
-    /// Where the pictures are in the frame where tracking begins: frame from pictures. As they stand where it is left out; a matte finds it by itself.
+    /// Where the pictures are in the frame where tracking begins: frame from pictures. As they stand where it is left out; a matte finds it
+    /// by itself.
     place: Option<In<Affine2>>,
     /// Most levels of the pyramid. 1 stays at full size; more see larger motions.
     #[input(default = 6, range = 1..=10)]
@@ -114,7 +122,7 @@ pub(crate) struct TrackEigenOutputs {
     weights: Weights,
     /// Robust standard deviation of the residual, in sample values of the tone.
     residual: Curve,
-    /// The character's contour in the frame, pixels: its own with `keys`, else the box of the pictures.
+    /// The character's contour in the frame, pixels: all points of the `drawings`, or its own with `keys`, else the box of the pictures.
     shape: Shape,
     /// Iterations over all levels.
     iterations: Curve,
@@ -128,6 +136,8 @@ pub(crate) struct TrackEigenOutputs {
     overlap: Curve,
     /// By how much the next best start fitted worse at the coarsest level: 0 is a toss-up, 1 that there was no need of another.
     margin: Curve,
+    /// How much of each of the `drawings`: they add up to 1. None without drawings.
+    drawn: Weights,
     /// 0 converged, 1 unfinished, 2 underdetermined, 3 textureless, 4 off frame, 5 unlike the pictures, 6 not finite.
     status: Curve,
 }
@@ -152,9 +162,44 @@ pub(crate) struct EigenState {
     /// Coefficients of this frame.
     #[value(shape = "[l]")]
     coefficients: Vec<f64>,
+    /// Weights of the drawings of this frame; none where they were not found.
+    #[value(shape = "[k]")]
+    drawn: Vec<f64>,
     /// Made again from the space where it is not there.
     #[value(skip)]
     ready: OnceLock<Arc<Ready>>,
+}
+
+/// Key drawings as the tracker draws them.
+struct Drawer<'a> {
+    keys: &'a KeyDrawings,
+    /// A drawing without points and names, which take longer to copy than to draw.
+    paint: Drawing,
+}
+
+impl<'a> Drawer<'a> {
+    fn new(keys: &'a KeyDrawings) -> Self {
+        Self { keys, paint: Drawing { names: Vec::new(), groups: Vec::new(), ..keys.drawing(Vec::new()) } }
+    }
+}
+
+impl Drawn for Drawer<'_> {
+    fn n_keys(&self) -> usize {
+        self.keys.len()
+    }
+
+    fn key(&self, k: usize) -> &[[f64; 2]] {
+        self.keys.key(k)
+    }
+
+    fn draw(&self, weights: &[f64], place: &Affine, line: f64, size: [usize; 2]) -> Option<Vec<f32>> {
+        let points = placed(self, &DrawnPose { motion: *place, weights: weights.to_vec() });
+        let width = self.paint.width.iter().map(|w| w * line).collect();
+        let window = Window::at_origin(size[0], size[1]);
+        let mut picture = blank(window).ok()?;
+        Pen::default().draw(&Drawing { points, width, ..self.paint.clone() }, &mut picture, window).ok()?;
+        Some(picture)
+    }
 }
 
 fn refused(error: EigenError) -> NodeError {
@@ -227,14 +272,17 @@ impl TrackEigen {
         self.first.unwrap_or(cx.clock.first)
     }
 
-    fn shape(&self, ready: &Ready, track: &EigenTrack) -> Shape {
+    fn shape(&self, ready: &Ready, track: &EigenTrack, pose: Option<&DrawnPose>) -> Shape {
+        if let (Some(drawings), Some(pose)) = (&self.drawings, pose) {
+            return Shape { points: placed(&Drawer::new(drawings), pose), closed: false };
+        }
         let (Some(map), Some(keys)) = (&ready.contour, &self.keys) else { return outline(ready.template.bounds(), &track.motion) };
         let points = map.at(&track.coefficients);
         let moved = points.as_chunks().0.iter().map(|p: &[f64; 2]| apply(&track.motion, (*p).into()).into()).collect();
         Shape { points: moved, closed: keys.closed }
     }
 
-    fn outputs(&self, ready: &Ready, track: &EigenTrack) -> TrackEigenOutputs {
+    fn outputs(&self, ready: &Ready, track: &EigenTrack, pose: Option<&DrawnPose>) -> TrackEigenOutputs {
         let curve = |value| Curve { value };
         let shares = track.coefficients.iter().zip(&ready.reach).map(|(c, r)| if *r > 0.0 { c / r } else { 0.0 });
         let mut weights: Vec<f64> = shares.collect();
@@ -243,13 +291,14 @@ impl TrackEigen {
             motion: track.motion.into(),
             weights: Weights { weights },
             residual: curve(track.residual),
-            shape: self.shape(ready, track),
+            shape: self.shape(ready, track, pose),
             iterations: curve(track.iterations as f64),
             converged: curve(f64::from(u8::from(track.is_converged()))),
             condition: curve(track.condition),
             dissimilarity: curve(track.dissimilarity),
             overlap: curve(track.overlap),
             margin: curve(track.margin),
+            drawn: Weights { weights: pose.map_or_else(Vec::new, |p| p.weights.clone()) },
             status: curve(code(track.status)),
         }
     }
@@ -272,14 +321,26 @@ impl Recurrent for TrackEigen {
         });
         let matte = self.matte.as_ref().map(|m| m.at(cx.frame)).transpose()?;
         let frame = self.image.at(cx.frame)?.in_display()?;
-        let track = ready.template.track(frame.raster(), matte.map(|m| m.alpha()), &start).map_err(refused)?;
+        let matte = matte.map(|m| m.alpha());
+        let (track, pose) = match &self.drawings {
+            None => (ready.template.track(frame.raster(), matte, &start).map_err(refused)?, None),
+            Some(drawings) => {
+                let last = state.map(|s| DrawnPose { motion: affine(&s.last), weights: s.drawn.clone() });
+                let contour = |c: &[f64]| ready.contour.as_ref().map(|map| map.at(c).as_chunks().0.to_vec());
+                ready
+                    .template
+                    .track_drawn(frame.raster(), matte, &start, &Drawer::new(drawings), last.as_ref(), contour)
+                    .map_err(refused)?
+            }
+        };
         let state = EigenState {
             last: Affine2::from(track.motion).matrix,
             before: state.map_or([[f64::NAN; 3]; 2], |s| s.last),
             coefficients: track.coefficients.clone(),
+            drawn: pose.as_ref().map_or_else(Vec::new, |p| p.weights.clone()),
             ready: OnceLock::from(ready.clone()),
         };
-        Ok((self.outputs(&ready, &track), state))
+        Ok((self.outputs(&ready, &track, pose.as_ref()), state))
     }
 
     fn previous(&self, cx: &Context) -> Option<i64> {

@@ -1,10 +1,11 @@
 //! Eigen-tracking: where a drawn character is, and which of its poses it shows.
 //!
 //! The pictures of a character in all its poses span a linear space: a mean picture M and components E. Sought are the motion A and the
-//! coefficients w that minimise the sum over the region of rho(I(A s) - M(s) - Σ w_l E_l(s)), equations (14) and (15) of Bregler et al., all channels together. Both are
-//! solved for in one Gauss-Newton step: the motion by inverse composition on the picture M + Σ w E as it is at the time, whose slopes are those of
-//! the mean and the components blended, so that what moves is what is drawn. Coarse to fine, from several starts: the motions before, the moments of the matte against those of
-//! each pose, a grid of shifts where nothing fits. The components that hardly anything speaks for are held by their variance over the examples.
+//! coefficients w that minimise the sum over the region of rho(I(A s) - M(s) - Σ w_l E_l(s)), equations (14) and (15) of Bregler et al.,
+//! all channels together. Both are solved for in one Gauss-Newton step: the motion by inverse composition on the picture M + Σ w E as it is
+//! at the time, whose slopes are those of the mean and the components blended, so that what moves is what is drawn. Coarse to fine, from
+//! several starts: the motions before, the moments of the matte against those of each pose, a grid of shifts where nothing fits. The
+//! components that hardly anything speaks for are held by their variance over the examples.
 //!
 //! With a matte for the frame both sides are keyed as in [`super`]: the outline counts, and the ground does not.
 //!
@@ -15,6 +16,7 @@
 //! **Fails when** the space does not hold the pose (`Status::Unlike`), or as [`super`] does. **Cost**: O(pixels · components) an iteration and
 //! O(pixels · components²) twice a level; only pixels where the pictures have slopes or change are looked at.
 
+mod redraw;
 mod run;
 mod space;
 #[cfg(test)]
@@ -24,17 +26,23 @@ use super::level::Level;
 use super::options::{check_options, check_picture};
 use super::planes::{Planes, pyramid};
 use super::region::{extent, with_rim};
+use super::run::View;
+use super::solve::is_sane;
 use super::start::Moments;
 use super::{Options, Status, Tone, TrackError};
-use crate::algo::raster::{Affine, Raster, identity};
+use crate::algo::raster::{Affine, Raster, apply, identity};
 use crate::algo::window::Window;
 use nalgebra::{Matrix2, Vector2};
+pub(crate) use redraw::placed;
+pub use redraw::{Drawn, DrawnPose};
+use redraw::{Redraw, every_pose, weights_of};
 use space::{Layers, Space};
 
 /// A linear space of pictures of a region.
 #[derive(Clone, Copy, Debug)]
 pub struct Pictures<'a> {
-    /// The mean: samples in `window`, rows from the top, channels interleaved; premultiplied where there is an alpha, then toned but for alpha.
+    /// The mean: samples in `window`, rows from the top, channels interleaved; premultiplied where there is an alpha, then toned but for
+    /// alpha.
     pub mean: &'a [f64],
     /// Orthonormal components, one after the other.
     pub components: &'a [f64],
@@ -151,6 +159,9 @@ pub enum EigenError {
         "expected pictures with alpha where the footage has a matte, found none: make the space of keyed pictures, or leave the matte out"
     )]
     NoAlpha,
+    /// Drawings that the pictures are not of.
+    #[error("expected pictures of red, green, blue and alpha, and at least one key, where the keys are drawn anew, found others")]
+    NotDrawn,
     /// An option out of range.
     #[error("expected {name} from {low} to {high}, found {found}")]
     Option {
@@ -297,16 +308,68 @@ impl EigenTemplate {
     /// Finds the region in `frame`. `matte` is the frame's matte, where it has one; `start` what was found before. O(region · components).
     ///
     /// # Errors
-    /// A frame or matte of the wrong size or with too few channels, a matte where the pictures have no alpha. All else is told by the status.
+    /// A frame or matte of the wrong size or with too few channels, a matte where the pictures have no alpha. All else is told by the
+    /// status.
     pub fn track(&self, frame: Raster, matte: Option<&[f32]>, start: &EigenStart) -> Result<EigenTrack, EigenError> {
-        check_picture(&frame, matte)?;
+        self.check_frame(&frame, matte)?;
+        Ok(self.find(frame, matte, start, 0))
+    }
+
+    /// Finds the region in `frame` as [`Self::track`] does, but for the finest levels, where `drawn` is drawn anew in each pose. `last` is
+    /// what was drawn in the frame before, and `contour` the points of the keys in a pose of the space, where they are known. Drawings that
+    /// cannot be held against the frame leave what was found without them.
+    ///
+    /// # Errors
+    /// As [`Self::track`]; pictures of other colours than red, green and blue with alpha, or no keys.
+    pub fn track_drawn(
+        &self,
+        frame: Raster,
+        matte: Option<&[f32]>,
+        start: &EigenStart,
+        drawn: &dyn Drawn,
+        last: Option<&DrawnPose>,
+        contour: impl Fn(&[f64]) -> Option<Vec<[f64; 2]>>,
+    ) -> Result<(EigenTrack, Option<DrawnPose>), EigenError> {
+        self.check_frame(&frame, matte)?;
+        if self.keyed.is_empty() || self.used != [0, 1, 2] || drawn.n_keys() == 0 {
+            return Err(EigenError::NotDrawn);
+        }
+        // Pictures say where to begin: the coarsest level is enough.
+        let found = self.find(frame, matte, start, usize::MAX);
+        let weights = contour(&found.coefficients).and_then(|points| weights_of(drawn, &points));
+        let mut starts: Vec<DrawnPose> = weights.into_iter().map(|weights| DrawnPose { motion: found.motion, weights }).collect();
+        if let Some(last) = last.filter(|l| l.weights.len() == drawn.n_keys() && is_sane(&l.motion)) {
+            starts.push(last.clone());
+            starts.push(DrawnPose { motion: found.motion, weights: last.weights.clone() });
+        }
+        if starts.is_empty() {
+            starts = every_pose(drawn, &found.motion, matte, frame.width);
+        }
+        let (spaces, levels) = (&self.keyed, self.keyed.len());
+        let redraw = Redraw {
+            drawn,
+            cut: self.cut(levels),
+            options: &self.options,
+            view: View { frame, matte },
+            pivot: self.centre,
+            centre: apply(&found.motion, self.centre.into()).into(),
+            scale: self.scale,
+            contrast: spaces[0].contrast(),
+            pixels: self.how.pixels,
+        };
+        let drawn = redraw.find(&starts, || every_pose(drawn, &found.motion, matte, frame.width), &found);
+        Ok(drawn.map_or((found, None), |(track, pose)| (track, Some(pose))))
+    }
+
+    fn check_frame(&self, frame: &Raster, matte: Option<&[f32]>) -> Result<(), EigenError> {
+        check_picture(frame, matte)?;
         if frame.channels < self.colours {
             return Err(EigenError::Colours { expected: self.colours, found: frame.channels });
         }
         if matte.is_some() && self.keyed.is_empty() {
             return Err(EigenError::NoAlpha);
         }
-        Ok(self.find(frame, matte, start))
+        Ok(())
     }
 
     /// The moments of the alpha in a pose; `None` where there is no alpha.

@@ -72,6 +72,8 @@ struct Run<'a> {
     cut: Cut<'a>,
     scratch: Scratch,
     pulled: Vec<Vec<f32>>,
+    /// The last level.
+    finest: usize,
     iterations: usize,
 }
 
@@ -137,7 +139,8 @@ impl System {
 }
 
 impl EigenTemplate {
-    pub(super) fn find(&self, frame: Raster, matte: Option<&[f32]>, start: &EigenStart) -> EigenTrack {
+    /// From the coarsest level to the level `finest`, or the coarsest where there are fewer.
+    pub(super) fn find(&self, frame: Raster, matte: Option<&[f32]>, start: &EigenStart, finest: usize) -> EigenTrack {
         let guesses = self.guesses(frame, matte, start);
         let mut best: Option<EigenTrack> = None;
         for attempt in self.attempts(matte.is_some()) {
@@ -147,25 +150,29 @@ impl EigenTemplate {
             }
             let view = View { frame, matte: matte.filter(|_| attempt.keyed) };
             let turned = if attempt.turned { self.turned(frame, matte) } else { Vec::new() };
-            let track = self.run(view, matte.is_some()).descend(&guesses, &turned, &attempt);
+            let track = self.run(view, matte.is_some(), finest).descend(&guesses, &turned, &attempt);
             best = Some(best.filter(|b| 0.9 * b.dissimilarity <= track.dissimilarity).unwrap_or(track));
         }
         best.unwrap_or_else(|| failed(&guesses.all[0], Status::OffFrame))
     }
 
-    fn run<'a>(&'a self, view: View<'a>, keyed: bool) -> Run<'a> {
+    fn run<'a>(&'a self, view: View<'a>, keyed: bool, finest: usize) -> Run<'a> {
         let spaces = if keyed { &self.keyed } else { &self.plain };
-        let cut = Cut {
+        let (scratch, pulled) = (Scratch::default(), Vec::new());
+        let (cut, finest) = (self.cut(spaces.len()), finest.min(spaces.len() - 1));
+        Run { template: self, spaces, shown: Self::blank(spaces), view, cut, scratch, pulled, finest, iterations: 0 }
+    }
+
+    pub(super) fn cut(&self, levels: usize) -> Cut<'_> {
+        Cut {
             bounds: self.bounds,
-            levels: spaces.len(),
+            levels,
             used: &self.used,
             tone: self.options.tone,
             behind: &self.behind,
             amplitude: self.amplitude,
             premultiplied: true,
-        };
-        let (scratch, pulled) = (Scratch::default(), Vec::new());
-        Run { template: self, spaces, shown: Self::blank(spaces), view, cut, scratch, pulled, iterations: 0 }
+        }
     }
 
     fn attempts(&self, keyed: bool) -> Vec<Attempt> {
@@ -261,7 +268,7 @@ impl Run<'_> {
                 None => return failed(&guesses.all[0], Status::OffFrame),
             }
         }
-        for l in (0..top).rev() {
+        for l in (self.finest..top).rev() {
             let part = window_of(moved_bounds(&at.place.motion, bounds), 6.0 * self.spaces[l].mean.step);
             let frame = smoothed(&all[l], part, &taps);
             at = self.refine(l, &frame, at.place, at.anchor);
@@ -269,13 +276,15 @@ impl Run<'_> {
                 return EigenTrack { iterations: self.iterations, ..failed(&guesses.all[0], at.status) };
             }
         }
-        let fine = if top == 0 { coarse } else { smoothed(&all[0], window_of(moved_bounds(&at.place.motion, bounds), 6.0), &taps) };
-        at.place = self.posed(0, &fine, at.place, FORGIVING);
+        let last = self.finest;
+        let part = window_of(moved_bounds(&at.place.motion, bounds), 6.0 * self.spaces[last].mean.step);
+        let fine = if top == last { coarse } else { smoothed(&all[last], part, &taps) };
+        at.place = self.posed(last, &fine, at.place, FORGIVING);
         self.report(at, margin_of_fit)
     }
 
     fn report(&self, at: Refined, margin: f64) -> EigenTrack {
-        let dissimilarity = self.spaces[0].dissimilarity(&self.shown[0], &self.scratch);
+        let dissimilarity = self.spaces[self.finest].dissimilarity(&self.shown[self.finest], &self.scratch);
         let status = match at.status {
             _ if dissimilarity > self.template.options.max_dissimilarity => Status::Unlike,
             Status::Converged if at.condition > UNSEEN => Status::Underdetermined,
@@ -345,7 +354,7 @@ impl Run<'_> {
         }
         let (paid, refined, iterations) = best?;
         self.iterations = iterations;
-        if top == 0 {
+        if top == self.finest {
             self.cost(frame, &refined.place);
         }
         Some((paid, (next - paid).clamp(0.0, 1.0), refined))

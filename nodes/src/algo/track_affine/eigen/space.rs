@@ -65,6 +65,11 @@ impl Space {
         Some(Self { whole, kept, at: mean.coordinates(), parts: looks[1..].iter().map(|l| packed_looks(l, &spans)).collect(), cover, mean })
     }
 
+    /// Standard deviation of the mean, with the pixels that are left out.
+    pub(super) fn contrast(&self) -> f64 {
+        self.whole.0
+    }
+
     /// Root mean square of the last residuals of `level` over the contrast; pixels that are left out are taken to fit.
     pub(super) fn dissimilarity(&self, level: &Level, scratch: &Scratch) -> f64 {
         let (contrast, total) = self.whole;
