@@ -27,7 +27,7 @@ use crate::data::{Image, Matte};
 #[derive(Node)]
 #[node(
     id = "matte.color_clusters",
-    version = 1,
+    version = 2,
     kind = recurrent,
     outputs = MatteColorClustersOutputs,
     source = "Bregler, Loeb, Chuang, Deshpande 2002, section 3.3; eq. 16",

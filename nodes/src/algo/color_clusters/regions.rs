@@ -101,11 +101,30 @@ pub(super) struct Tidy {
     pub(super) largest_only: bool,
 }
 
-/// Removes specks, fills holes and keeps the largest part, in place. O(pixels).
+/// Removes specks, keeps the largest part, and then fills holes, in place. O(pixels).
+///
+/// One after the other: what a speck shuts in is no hole once the speck is gone, and a speck in a hole is part of it.
 pub(super) fn tidy(mask: &mut [bool], width: usize, options: Tidy) {
     if width == 0 {
         return;
     }
+    if options.min_area > 0.0 || options.largest_only {
+        flip(mask, width, |runs, extents| {
+            // Among equal parts the first in reading order counts as the largest.
+            let parts = (0..runs.len()).filter(|i| runs[*i].inside);
+            let largest = parts
+                .fold(None, |best: Option<usize>, i| if best.is_none_or(|b| extents[i].area > extents[b].area) { Some(i) } else { best });
+            let few = options.min_area;
+            move |root, inside, e| inside && ((e.area as f64) < few || (options.largest_only && largest != Some(root)))
+        });
+    }
+    if options.max_hole > 0.0 {
+        flip(mask, width, |_, _| |_, inside, e: Extent| !inside && !e.on_border && e.area as f64 <= options.max_hole);
+    }
+}
+
+/// Turns whole components over: those of which the rule that `choose` gives says so, by the first run, whether it is of the layer, and the extent.
+fn flip<F: Fn(usize, bool, Extent) -> bool>(mask: &mut [bool], width: usize, choose: impl FnOnce(&[Run], &[Extent]) -> F) {
     let height = mask.len() / width;
     let mut runs = components(mask, width);
     let mut extents = vec![Extent::default(); runs.len()];
@@ -116,19 +135,11 @@ pub(super) fn tidy(mask: &mut [bool], width: usize, options: Tidy) {
         e.area += u64::from(r.end - r.start);
         e.on_border |= r.start == 0 || r.end as usize == width || r.y == 0 || r.y as usize + 1 == height;
     }
-    // Among equal parts the first in reading order counts as the largest.
-    let parts = (0..runs.len()).filter(|i| runs[*i].inside);
-    let largest =
-        parts.fold(None, |best: Option<usize>, i| if best.is_none_or(|b| extents[i].area > extents[b].area) { Some(i) } else { best });
+    let is_flipped = choose(&runs, &extents);
     for i in 0..runs.len() {
         let root = find(&mut runs, i as u32) as usize;
-        let (r, e) = (&runs[i], extents[root]);
-        let flip = if r.inside {
-            (e.area as f64) < options.min_area || (options.largest_only && largest != Some(root))
-        } else {
-            !e.on_border && e.area as f64 <= options.max_hole
-        };
-        if flip {
+        let r = &runs[i];
+        if is_flipped(root, r.inside, extents[root]) {
             mask[r.span(width)].fill(!r.inside);
         }
     }
@@ -413,6 +424,31 @@ mod tests {
                 assert_eq!(label[i] == label[j], flood[i] == flood[j], "pixels {i} and {j}");
             }
         }
+    }
+
+    #[test]
+    fn what_a_speck_shuts_in_goes_with_it_and_a_speck_in_a_hole_is_filled() {
+        // A ring of eight pixels beside a large part, whose hole has a pixel in its middle.
+        let mut m = mask(&[
+            "...............",
+            ".###...#######.",
+            ".#.#...#.....#.",
+            ".###...#..#..#.",
+            ".......#.....#.",
+            ".......#######.",
+            "...............",
+        ]);
+        tidy(&mut m, 15, Tidy { min_area: 10.0, max_hole: 1e9, largest_only: false });
+        let expected = mask(&[
+            "...............",
+            ".......#######.",
+            ".......#######.",
+            ".......#######.",
+            ".......#######.",
+            ".......#######.",
+            "...............",
+        ]);
+        assert_eq!(m, expected);
     }
 
     #[test]
