@@ -5,8 +5,8 @@
 //! time, and the E_l are what that drawing changes by when a little more of a key is mixed in. Motion and weights of the keys are solved
 //! for by damped Gauss-Newton steps, robustly, coarse to fine. Poses beyond a key, and of three keys at once, are drawings as others are.
 //!
-//! At the coarse levels frame and drawing are keyed by the matte. At the finer ones the drawing is laid on what the frame shows around the
-//! character, so that the true outline counts and not the matte's: its holes and its rim do no harm.
+//! Starts are compared at the coarsest level, frame and drawing keyed by the matte. Then the drawing is laid on what the frame shows around
+//! the character, so that the true outline counts and not the matte's: its holes and its rim do no harm.
 //!
 //! **Source**: Bregler et al., equation (14); Levenberg-Marquardt after Madsen, Nielsen, Tingleff, "Methods for Non-Linear Least Squares Problems", 2004, section 3.2.
 //! Ground behind the character: pull-push, Gortler et al., "The Lumigraph", SIGGRAPH 1996, section 3.4.1.
@@ -46,10 +46,8 @@ pub struct DrawnPose {
     pub weights: Vec<f64>,
 }
 
-/// Levels, from the finest, where the drawing is laid on the ground.
-const GROUNDED: usize = 2;
 /// Most steps a level, but for the finest, which has twice as many.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 8;
 /// Most steps that are tried for one, each damped more.
 const TRIALS: usize = 4;
 /// Bend of the robust weights over the contrast, at the levels but the finest.
@@ -57,11 +55,13 @@ const WIDE: f64 = 0.5;
 /// The same at the finest.
 const NARROW: f64 = 0.25;
 /// Steps that are shorter, in samples, are the last at the finest level and at the others.
-const FINE: f64 = 0.03;
+const FINE: f64 = 0.02;
 /// See [`FINE`].
-const COARSE: f64 = 0.1;
+const COARSE: f64 = 0.05;
 /// How far a key is mixed in for its picture: root mean square displacement, samples.
 const MIXED: f64 = 0.3;
+/// Least variance of a mixture of keys over the largest: below it motion makes as much of it.
+const LEAST_AXIS: f64 = 1e-6;
 /// Starts that are refined at the coarsest level.
 const REFINED: usize = 3;
 /// Coverage over which a pixel is the character's.
@@ -116,18 +116,28 @@ struct Step {
     gain: f64,
 }
 
-/// The directions of a step.
+/// The directions of a step: those of the motion, and mixtures of the keys that no motion makes.
 struct Directions {
     /// Of the motion: which of the six parameters each moves.
     motion: Vec<[f64; 6]>,
-    /// The key that weights are taken from.
-    from: usize,
-    /// The keys that they go to, and how far points move with a weight of 1, root mean square.
-    to: Vec<(usize, f64)>,
+    /// Of the pose, each on its own, and each moving the points by one sample, root mean square.
+    mixes: Vec<Mix>,
+}
+
+/// A change of pose.
+struct Mix {
+    /// What each key gains; nothing in all.
+    weights: Vec<f64>,
+    /// What the six parameters of the motion take back.
+    motion: [f64; 6],
 }
 
 impl Directions {
-    fn new(drawn: &dyn Drawn, model: Model, weights: &[f64]) -> Self {
+    /// `place` gives the centred and scaled coordinates of a point of the frame.
+    ///
+    /// Keys differ by what a motion does as well, and by what other keys do: pictures of such differences cancel in part, and what is left of
+    /// them is mostly the error of the differences. So motion is taken out first, and the rest is turned to its principal axes.
+    fn new(drawn: &dyn Drawn, model: Model, pose: &DrawnPose, place: impl Fn([f64; 2]) -> [f64; 2], sample: f64) -> Self {
         let (dx, dy) = ([0.0, 0.0, 0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
         let mut motion = vec![dx, dy];
         match model {
@@ -136,18 +146,59 @@ impl Directions {
             Model::Similarity => motion.extend([[0.0, -1.0, 1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]]),
             Model::Affine => motion.extend((0..4).map(|i| std::array::from_fn(|k| f64::from(u8::from(k == i))))),
         }
-        let from = (0..weights.len()).fold(0, |a, k| if weights[k] > weights[a] { k } else { a });
-        let to = (0..weights.len())
-            .filter(|k| *k != from)
-            .map(|k| (k, apart(drawn.key(from), drawn.key(k))))
-            .filter(|(_, d)| *d > 1e-6)
-            .collect();
-        Self { motion, from, to }
+        let mixes = mixes(drawn, &motion, pose, place, sample);
+        Self { motion, mixes }
     }
 
     fn len(&self) -> usize {
-        self.motion.len() + self.to.len()
+        self.motion.len() + self.mixes.len()
     }
+}
+
+/// The principal axes of what the keys change by beyond `motion`.
+fn mixes(drawn: &dyn Drawn, motion: &[[f64; 6]], pose: &DrawnPose, place: impl Fn([f64; 2]) -> [f64; 2], sample: f64) -> Vec<Mix> {
+    let points = placed(drawn, pose);
+    let (n, k, m) = (points.len(), pose.weights.len(), motion.len());
+    let mean = 1.0 / libm::sqrt(n.max(1) as f64);
+    let mut fields = DMatrix::zeros(2 * n, m);
+    for (i, p) in points.iter().enumerate() {
+        let [u, v] = place(*p);
+        for (j, d) in motion.iter().enumerate() {
+            fields[(2 * i, j)] = mean * (d[0] * u + d[1] * v + d[4]);
+            fields[(2 * i + 1, j)] = mean * (d[2] * u + d[3] * v + d[5]);
+        }
+    }
+    // Differences from the pose: what all keys have in common is no change.
+    let linear = pose.motion.fixed_view::<2, 2>(0, 0).into_owned();
+    let changes = DMatrix::from_fn(2 * n, k, |r, j| {
+        let (i, c) = (r / 2, r % 2);
+        let d: [f64; 2] = std::array::from_fn(|c| drawn.key(j)[i][c] - (0..k).map(|l| pose.weights[l] * drawn.key(l)[i][c]).sum::<f64>());
+        mean * (linear[(c, 0)] * d[0] + linear[(c, 1)] * d[1]) / sample
+    });
+    let mut own = fields.transpose() * &fields;
+    let floor = 1e-9 * own.trace();
+    (0..m).for_each(|j| own[(j, j)] += floor);
+    let Some(factor) = nalgebra::Cholesky::new(own) else { return Vec::new() };
+    let taken = factor.solve(&(fields.transpose() * &changes));
+    let rest = &changes - &fields * &taken;
+    // Keys gain what they gain at the cost of the pose as it is: with `pose + e (key - pose)` weights still add up to 1.
+    let axes = nalgebra::SymmetricEigen::new(rest.transpose() * &rest);
+    let largest = axes.eigenvalues.iter().fold(0.0f64, |a, v| a.max(*v));
+    let mut order: Vec<usize> = (0..k).filter(|&j| axes.eigenvalues[j] > largest.max(1e-12) * LEAST_AXIS).collect();
+    order.sort_by(|&a, &b| axes.eigenvalues[b].total_cmp(&axes.eigenvalues[a]));
+    let mix = |j: usize| {
+        let gain = 1.0 / libm::sqrt(axes.eigenvalues[j]);
+        let shares: Vec<f64> = (0..k).map(|l| gain * axes.eigenvectors[(l, j)]).collect();
+        let total: f64 = shares.iter().sum();
+        let weights = (0..k).map(|l| shares[l] - total * pose.weights[l]).collect();
+        let mut back = [0.0; 6];
+        for (i, d) in motion.iter().enumerate() {
+            let by: f64 = (0..k).map(|l| shares[l] * taken[(i, l)]).sum();
+            back.iter_mut().zip(d).for_each(|(b, d)| *b -= by * d);
+        }
+        Mix { weights, motion: back }
+    };
+    order.into_iter().map(mix).collect()
 }
 
 /// A level's answer.
@@ -199,10 +250,8 @@ impl Redraw<'_> {
         for l in (0..if matte { top.max(1) } else { top + 1 }).rev() {
             let part = self.around(&pose, plain[l].step);
             let cropped = |planes: &Planes| smoothed(planes, part, &[1.0]);
-            let own = cropped(&keyed[l]);
-            let grounded = l < GROUNDED || !matte;
-            let target =
-                if grounded { self.grounded(&cropped(&plain[l]), matte.then_some(&own), &pose, &taps)? } else { self.keyed(&own, &taps) };
+            let own = matte.then(|| cropped(&keyed[l]));
+            let target = self.grounded(&cropped(&plain[l]), own.as_ref(), &pose, &taps)?;
             let settled = self.settle(&target, pose, &taps, l == 0, &mut iterations)?;
             pose = settled.pose.clone();
             last = Some(settled);
@@ -296,7 +345,7 @@ impl Redraw<'_> {
         let (mut damping, mut raise, mut scale, mut status) = (1e-4, 2.0, 0.0, Status::Unfinished);
         for _ in 0..most {
             *iterations += 1;
-            let directions = Directions::new(self.drawn, self.options.model, &pose.weights);
+            let directions = Directions::new(self.drawn, self.options.model, &pose, |p| self.scaled(p), target.step);
             let slopes = self.slopes(target, &pose, &picture, &directions, taps)?;
             let (telling, share) = telling(&slopes, self.pixels);
             scale = robust_scale(&picture, &target.frame, &telling).max(LEAST_SCALE * self.contrast);
@@ -357,12 +406,9 @@ impl Redraw<'_> {
         };
         let mut all =
             vec![changed(self.picture(target, pose, [0.5, 0.0], taps)?, 0.5), changed(self.picture(target, pose, [0.0, 0.5], taps)?, 0.5)];
-        for &(k, apart) in &directions.to {
-            let by = MIXED * target.step / apart;
-            let mut with = pose.clone();
-            with.weights[k] += by;
-            with.weights[directions.from] -= by;
-            all.push(changed(self.picture(target, &with, [0.0; 2], taps)?, by));
+        for mix in &directions.mixes {
+            let with = self.moved(pose, mix.motion.map(|v| v * MIXED), &mix.weights, MIXED, target.step)?;
+            all.push(changed(self.picture(target, &with, [0.0; 2], taps)?, MIXED));
         }
         Some(all)
     }
@@ -379,7 +425,7 @@ impl Redraw<'_> {
     ) -> Linear {
         let n = directions.len();
         let (mut h, mut b) = (DMatrix::zeros(n, n), DVector::zeros(n));
-        let keys = directions.to.len();
+        let keys = directions.mixes.len();
         let mut row = vec![0.0f64; n];
         for &i in telling {
             let [u, v] = self.place(target, i);
@@ -410,8 +456,26 @@ impl Redraw<'_> {
     /// Centred and scaled frame coordinates of a sample.
     fn place(&self, target: &Target, i: usize) -> [f64; 2] {
         let p = &target.frame;
-        let at = |k: usize, n: usize| (p.origin[k] + p.step * (n as f64 + 0.5) - self.centre[k]) / self.scale;
-        [at(0, i % p.width), at(1, i / p.width)]
+        let at = |k: usize, n: usize| p.origin[k] + p.step * (n as f64 + 0.5);
+        self.scaled([at(0, i % p.width), at(1, i / p.width)])
+    }
+
+    /// Centred and scaled frame coordinates.
+    fn scaled(&self, p: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|k| (p[k] - self.centre[k]) / self.scale)
+    }
+
+    /// A pose after the motion takes a step of six parameters, in samples, and the keys a share of `weights`.
+    fn moved(&self, pose: &DrawnPose, six: [f64; 6], weights: &[f64], share: f64, sample: f64) -> Option<DrawnPose> {
+        let [a, b, c, d, x, y] = six.map(|v| v * sample);
+        let s = self.scale;
+        let about = Vector2::from(self.centre);
+        let linear = nalgebra::Matrix2::new(1.0 + a / s, b / s, c / s, 1.0 + d / s);
+        let t = about + Vector2::new(x, y) - linear * about;
+        let inc = Affine::from_columns(&[linear.column(0).into(), linear.column(1).into(), t]);
+        let motion = compose(&inc, &pose.motion);
+        let motion = Some(motion).filter(is_sane).map(|m| project(&m, self.options.model, self.pivot))?;
+        Some(DrawnPose { motion, weights: pose.weights.iter().zip(weights).map(|(w, d)| w + share * d).collect() })
     }
 
     /// What a share of the damped step leads to.
@@ -429,22 +493,14 @@ impl Redraw<'_> {
         let gain = 2.0 * theta.dot(&linear.b) - theta.dot(&(&linear.h * &theta));
         let mut six = [0.0; 6];
         for (t, d) in theta.iter().zip(&directions.motion) {
-            six.iter_mut().zip(d).for_each(|(s, d)| *s += t * d * sample);
+            six.iter_mut().zip(d).for_each(|(s, d)| *s += t * d);
         }
-        let [a, b, c, d, x, y] = six;
-        let s = self.scale;
-        let about = Vector2::from(self.centre);
-        let linear = nalgebra::Matrix2::new(1.0 + a / s, b / s, c / s, 1.0 + d / s);
-        let t = about + Vector2::new(x, y) - linear * about;
-        let inc = Affine::from_columns(&[linear.column(0).into(), linear.column(1).into(), t]);
-        let motion = compose(&inc, &pose.motion);
-        let motion = Some(motion).filter(is_sane).map(|m| project(&m, self.options.model, self.pivot))?;
-        let mut weights = pose.weights.clone();
-        for (t, &(k, _)) in theta.iter().skip(directions.motion.len()).zip(&directions.to) {
-            weights[k] += t;
-            weights[directions.from] -= t;
+        let mut weights = vec![0.0; pose.weights.len()];
+        for (t, mix) in theta.iter().skip(directions.motion.len()).zip(&directions.mixes) {
+            six.iter_mut().zip(&mix.motion).for_each(|(s, d)| *s += t * d);
+            weights.iter_mut().zip(&mix.weights).for_each(|(w, d)| *w += t * d);
         }
-        let next = DrawnPose { motion, weights };
+        let next = self.moved(pose, six, &weights, 1.0, sample)?;
         let moved = apart(&placed(self.drawn, &next), &placed(self.drawn, pose));
         let fine = moved <= self.scale && next.weights.iter().all(|w| (1.0 - FARTHEST..=FARTHEST).contains(w));
         fine.then_some(Step { pose: next, moved, gain })
