@@ -58,8 +58,10 @@ const NARROW: f64 = 0.25;
 const FINE: f64 = 0.02;
 /// See [`FINE`].
 const COARSE: f64 = 0.05;
-/// How far a key is mixed in for its picture: root mean square displacement, samples.
-const MIXED: f64 = 0.3;
+/// How far the drawing is shifted for the picture of what that changes, samples.
+const SHIFTED: f64 = 0.1;
+/// How far keys are mixed in for theirs: displacement of the point that goes farthest, samples.
+const MIXED: f64 = 0.2;
 /// Least variance of a mixture of keys over the largest: below it motion makes as much of it.
 const LEAST_AXIS: f64 = 1e-6;
 /// Starts that are refined at the coarsest level.
@@ -130,6 +132,8 @@ struct Mix {
     weights: Vec<f64>,
     /// What the six parameters of the motion take back.
     motion: [f64; 6],
+    /// How far the point moves that goes farthest, samples.
+    farthest: f64,
 }
 
 impl Directions {
@@ -196,7 +200,9 @@ fn mixes(drawn: &dyn Drawn, motion: &[[f64; 6]], pose: &DrawnPose, place: impl F
             let by: f64 = (0..k).map(|l| shares[l] * taken[(i, l)]).sum();
             back.iter_mut().zip(d).for_each(|(b, d)| *b -= by * d);
         }
-        Mix { weights, motion: back }
+        let gone = &rest * &axes.eigenvectors.column(j) * (gain / mean);
+        let farthest = gone.as_slice().as_chunks::<2>().0.iter().map(|[x, y]| libm::hypot(*x, *y)).fold(0.0, f64::max);
+        Mix { weights, motion: back, farthest }
     };
     order.into_iter().map(mix).collect()
 }
@@ -404,11 +410,14 @@ impl Redraw<'_> {
             let data = with.data.iter().zip(&picture.data).map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b) * gain).collect()).collect();
             Planes { data, ..blank(&target.frame) }
         };
-        let mut all =
-            vec![changed(self.picture(target, pose, [0.5, 0.0], taps)?, 0.5), changed(self.picture(target, pose, [0.0, 0.5], taps)?, 0.5)];
+        let mut all = vec![
+            changed(self.picture(target, pose, [SHIFTED, 0.0], taps)?, SHIFTED),
+            changed(self.picture(target, pose, [0.0, SHIFTED], taps)?, SHIFTED),
+        ];
         for mix in &directions.mixes {
-            let with = self.moved(pose, mix.motion.map(|v| v * MIXED), &mix.weights, MIXED, target.step)?;
-            all.push(changed(self.picture(target, &with, [0.0; 2], taps)?, MIXED));
+            let by = MIXED / mix.farthest;
+            let with = self.moved(pose, mix.motion.map(|v| v * by), &mix.weights, by, target.step)?;
+            all.push(changed(self.picture(target, &with, [0.0; 2], taps)?, by));
         }
         Some(all)
     }
