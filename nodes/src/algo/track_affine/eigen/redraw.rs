@@ -62,8 +62,10 @@ const COARSE: f64 = 0.05;
 const SHIFTED: f64 = 0.1;
 /// How far keys are mixed in for theirs: displacement of the point that goes farthest, samples.
 const MIXED: f64 = 0.2;
-/// Least variance of a mixture of keys over the largest: below it motion makes as much of it.
-const LEAST_AXIS: f64 = 1e-6;
+/// Mixtures of keys are left alone where keys differ by less along them, root mean square, samples: coarse levels hardly show them.
+const LEAST_AXIS: f64 = 0.25;
+/// The same at the finest level.
+const LEAST_FINE: f64 = 0.01;
 /// Starts that are refined at the coarsest level.
 const REFINED: usize = 3;
 /// Coverage over which a pixel is the character's.
@@ -74,6 +76,8 @@ const FARTHEST: f64 = 2.0;
 const FEW: usize = 8;
 /// A start that costs less is taken without a look at others.
 const FITS: f64 = 0.1;
+/// Relative residual under which no other start is tried.
+const SURE: f64 = 0.4;
 /// Tone scale of costs that are compared between starts.
 const SOFT: f32 = 0.15;
 
@@ -141,7 +145,7 @@ impl Directions {
     ///
     /// Keys differ by what a motion does as well, and by what other keys do: pictures of such differences cancel in part, and what is left of
     /// them is mostly the error of the differences. So motion is taken out first, and the rest is turned to its principal axes.
-    fn new(drawn: &dyn Drawn, model: Model, pose: &DrawnPose, place: impl Fn([f64; 2]) -> [f64; 2], sample: f64) -> Self {
+    fn new(drawn: &dyn Drawn, model: Model, pose: &DrawnPose, place: impl Fn([f64; 2]) -> [f64; 2], sample: f64, least: f64) -> Self {
         let (dx, dy) = ([0.0, 0.0, 0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
         let mut motion = vec![dx, dy];
         match model {
@@ -150,7 +154,7 @@ impl Directions {
             Model::Similarity => motion.extend([[0.0, -1.0, 1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]]),
             Model::Affine => motion.extend((0..4).map(|i| std::array::from_fn(|k| f64::from(u8::from(k == i))))),
         }
-        let mixes = mixes(drawn, &motion, pose, place, sample);
+        let mixes = mixes(drawn, &motion, pose, place, sample, least);
         Self { motion, mixes }
     }
 
@@ -160,7 +164,14 @@ impl Directions {
 }
 
 /// The principal axes of what the keys change by beyond `motion`.
-fn mixes(drawn: &dyn Drawn, motion: &[[f64; 6]], pose: &DrawnPose, place: impl Fn([f64; 2]) -> [f64; 2], sample: f64) -> Vec<Mix> {
+fn mixes(
+    drawn: &dyn Drawn,
+    motion: &[[f64; 6]],
+    pose: &DrawnPose,
+    place: impl Fn([f64; 2]) -> [f64; 2],
+    sample: f64,
+    least: f64,
+) -> Vec<Mix> {
     let points = placed(drawn, pose);
     let (n, k, m) = (points.len(), pose.weights.len(), motion.len());
     let mean = 1.0 / libm::sqrt(n.max(1) as f64);
@@ -187,8 +198,7 @@ fn mixes(drawn: &dyn Drawn, motion: &[[f64; 6]], pose: &DrawnPose, place: impl F
     let rest = &changes - &fields * &taken;
     // Keys gain what they gain at the cost of the pose as it is: with `pose + e (key - pose)` weights still add up to 1.
     let axes = nalgebra::SymmetricEigen::new(rest.transpose() * &rest);
-    let largest = axes.eigenvalues.iter().fold(0.0f64, |a, v| a.max(*v));
-    let mut order: Vec<usize> = (0..k).filter(|&j| axes.eigenvalues[j] > largest.max(1e-12) * LEAST_AXIS).collect();
+    let mut order: Vec<usize> = (0..k).filter(|&j| axes.eigenvalues[j] > (k as f64) * least * least).collect();
     order.sort_by(|&a, &b| axes.eigenvalues[b].total_cmp(&axes.eigenvalues[a]));
     let mix = |j: usize| {
         let gain = 1.0 / libm::sqrt(axes.eigenvalues[j]);
@@ -205,6 +215,20 @@ fn mixes(drawn: &dyn Drawn, motion: &[[f64; 6]], pose: &DrawnPose, place: impl F
         Mix { weights, motion: back, farthest }
     };
     order.into_iter().map(mix).collect()
+}
+
+/// A start that was refined at the coarsest level.
+struct Candidate {
+    paid: f64,
+    pose: DrawnPose,
+    iterations: usize,
+}
+
+/// The levels of a frame.
+struct Seen {
+    window: Window,
+    keyed: Vec<Planes>,
+    plain: Vec<Planes>,
 }
 
 /// A level's answer.
@@ -232,42 +256,66 @@ impl Redraw<'_> {
         if !has_finite(self.view.frame, window) {
             return None;
         }
-        let mut iterations = before.iterations;
-        let matte = self.view.matte.is_some();
-        let mut pose = starts.first()?.clone();
-        if matte {
+        let own =
+            |all: &[DrawnPose]| all.iter().map(|p| Candidate { paid: f64::INFINITY, pose: p.clone(), iterations: 0 }).collect::<Vec<_>>();
+        let mut tried = if self.view.matte.is_some() {
             let target = self.keyed(&keyed[top], &taps);
-            let mut at = self.choose(&target, starts, &taps, &mut iterations);
-            if at.as_ref().is_none_or(|a| a.0 > FITS) {
-                let mut own = 0;
-                let other = self.choose(&target, &others(), &taps, &mut own);
-                if other.as_ref().is_some_and(|o| at.as_ref().is_none_or(|a| o.0 < 0.9 * a.0)) {
-                    (at, iterations) = (other, before.iterations + own);
-                }
+            let mut tried = self.choose(&target, starts, &taps);
+            if tried.first().is_none_or(|c| c.paid > FITS) {
+                tried.extend(self.choose(&target, &others(), &taps));
+                tried.sort_by(|a, b| a.paid.total_cmp(&b.paid));
             }
-            pose = at?.1;
+            // A matte with holes leads astray: the starts as they are come last.
+            tried.truncate(REFINED);
+            tried
+        } else {
+            Vec::new()
+        };
+        tried.extend(own(starts));
+        let seen = Seen { window, keyed, plain: self.cut.planes(&View { matte: None, ..self.view }, &motions, margin)?.1 };
+        let mut best: Option<(Settled, usize)> = None;
+        for candidate in tried {
+            let mut iterations = before.iterations + candidate.iterations;
+            let Some(settled) = self.descend(&seen, candidate.pose, margin, &taps, &mut iterations) else { continue };
+            if best.as_ref().is_none_or(|b| settled.dissimilarity < b.0.dissimilarity) {
+                best = Some((settled, iterations));
+            }
+            if best.as_ref().is_some_and(|b| b.0.dissimilarity < SURE) {
+                break;
+            }
         }
-        let needed = window_of(moved_bounds(&pose.motion, self.cut.bounds), 0.5 * coarsest);
-        let around = if window.covers(&needed, [self.view.frame.width, self.view.frame.height]) { motions } else { vec![pose.motion] };
-        let (_, plain) = self.cut.planes(&View { matte: None, ..self.view }, &around, margin)?;
-        let keyed = if around.len() == 1 { self.cut.planes(&self.view, &around, margin)?.1 } else { keyed };
-        let mut last = None;
-        // What was chosen is settled at the coarsest level.
-        for l in (0..if matte { top.max(1) } else { top + 1 }).rev() {
-            let part = self.around(&pose, plain[l].step);
-            let cropped = |planes: &Planes| smoothed(planes, part, &[1.0]);
-            let own = matte.then(|| cropped(&keyed[l]));
-            let target = self.grounded(&cropped(&plain[l]), own.as_ref(), &pose, &taps)?;
-            let settled = self.settle(&target, pose, &taps, l == 0, &mut iterations)?;
-            pose = settled.pose.clone();
-            last = Some(settled);
-        }
-        let Settled { pose, mut status, residual, dissimilarity } = last?;
+        let (Settled { pose, mut status, residual, dissimilarity }, iterations) = best?;
         if dissimilarity > self.options.max_dissimilarity {
             status = Status::Unlike;
         }
         let track = EigenTrack { motion: pose.motion, status, iterations, residual, dissimilarity, ..before.clone() };
         Some((track, pose))
+    }
+
+    /// From below the coarsest level, where the pose was chosen, to the finest; without a matte from the coarsest.
+    fn descend(&self, seen: &Seen, mut pose: DrawnPose, margin: f64, taps: &[f32], iterations: &mut usize) -> Option<Settled> {
+        let (top, matte) = (self.cut.levels - 1, self.view.matte.is_some());
+        let needed = window_of(moved_bounds(&pose.motion, self.cut.bounds), 0.5 * f64::from(1u32 << top));
+        let moved;
+        let seen = if seen.window.covers(&needed, [self.view.frame.width, self.view.frame.height]) {
+            seen
+        } else {
+            let (window, keyed) = self.cut.planes(&self.view, &[pose.motion], margin)?;
+            let (_, plain) = self.cut.planes(&View { matte: None, ..self.view }, &[pose.motion], margin)?;
+            moved = Seen { window, keyed, plain };
+            &moved
+        };
+        let mut last = None;
+        for l in (0..if matte { top.max(1) } else { top + 1 }).rev() {
+            let part = self.around(&pose, seen.plain[l].step);
+            let cropped = |planes: &Planes| smoothed(planes, part, &[1.0]);
+            let own = matte.then(|| cropped(&seen.keyed[l]));
+            let target = self.grounded(&cropped(&seen.plain[l]), own.as_ref(), &pose, taps)?;
+            let settled = self.settle(&target, pose, taps, l == 0, iterations)?;
+            pose = settled.pose.clone();
+            last = Some(settled);
+        }
+        last
     }
 
     /// What is looked at around a pose: it may still be off by a few samples.
@@ -321,26 +369,23 @@ impl Redraw<'_> {
         Some(smoothed(&Planes { data, ..blank(&target.frame) }, WHOLE, taps))
     }
 
-    /// The start that fits best at the coarsest level, refined there.
-    fn choose(&self, target: &Target, starts: &[DrawnPose], taps: &[f32], iterations: &mut usize) -> Option<(f64, DrawnPose)> {
+    /// The starts that fit best at the coarsest level, refined there, the best first; no more where one fits.
+    fn choose(&self, target: &Target, starts: &[DrawnPose], taps: &[f32]) -> Vec<Candidate> {
         let cost = |pose: &DrawnPose| self.picture(target, pose, [0.0; 2], taps).map(|p| soft_cost(&p, &target.frame));
         let mut tried: Vec<(f64, &DrawnPose)> = starts.iter().filter_map(|s| Some((cost(s)?, s))).collect();
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut best: Option<(f64, DrawnPose, usize)> = None;
-        for (_, start) in tried.iter().take(REFINED) {
-            let mut own = 0;
-            let Some(settled) = self.settle(target, (*start).clone(), taps, false, &mut own) else { continue };
+        let mut found: Vec<Candidate> = Vec::new();
+        for (_, start) in tried.into_iter().take(REFINED) {
+            let mut iterations = 0;
+            let Some(settled) = self.settle(target, start.clone(), taps, false, &mut iterations) else { continue };
             let Some(paid) = cost(&settled.pose) else { continue };
-            if best.as_ref().is_none_or(|b| paid < b.0) {
-                best = Some((paid, settled.pose, own));
-            }
-            if best.as_ref().is_some_and(|b| b.0 < FITS) {
+            found.push(Candidate { paid, pose: settled.pose, iterations });
+            if paid < FITS {
                 break;
             }
         }
-        let (paid, pose, own) = best?;
-        *iterations += own;
-        Some((paid, pose))
+        found.sort_by(|a, b| a.paid.total_cmp(&b.paid));
+        found
     }
 
     /// Damped Gauss-Newton at one level.
@@ -351,7 +396,14 @@ impl Redraw<'_> {
         let (mut damping, mut raise, mut scale, mut status) = (1e-4, 2.0, 0.0, Status::Unfinished);
         for _ in 0..most {
             *iterations += 1;
-            let directions = Directions::new(self.drawn, self.options.model, &pose, |p| self.scaled(p), target.step);
+            let directions = Directions::new(
+                self.drawn,
+                self.options.model,
+                &pose,
+                |p| self.scaled(p),
+                target.step,
+                if finest { LEAST_FINE } else { LEAST_AXIS },
+            );
             let slopes = self.slopes(target, &pose, &picture, &directions, taps)?;
             let (telling, share) = telling(&slopes, self.pixels);
             scale = robust_scale(&picture, &target.frame, &telling).max(LEAST_SCALE * self.contrast);
