@@ -138,3 +138,31 @@ fn unknown_ground_is_what_lies_around_it() {
     assert!(planes[0].iter().all(|v| (0.0..=15.0).contains(v)), "{planes:?}");
     assert!((0..w * h).filter(|i| !known[*i]).all(|i| (3.0..=12.0).contains(&planes[0][i])), "{planes:?}");
 }
+
+#[test]
+fn keys_that_a_motion_makes_of_each_other_are_no_direction_of_the_pose() {
+    let mut figure = figure();
+    let turned = |p: &[f64; 2]| [0.9 * p[0] - 0.2 * p[1] + 30.0, 0.3 * p[0] + 1.1 * p[1] - 20.0];
+    figure.keys[1] = figure.keys[0].iter().map(turned).collect();
+    let pose = DrawnPose { motion: Affine::new(1.0, 0.1, 2.0, -0.1, 0.9, 3.0), weights: vec![0.6, 0.4, 0.0] };
+    let place = |p: [f64; 2]| [(p[0] - 100.0) / 40.0, (p[1] - 90.0) / 40.0];
+    let of = |model| Directions::new(&figure, model, &pose, place, 2.0, LEAST_FINE);
+    assert_eq!((of(Model::Affine).mixes.len(), of(Model::Translation).mixes.len()), (1, 2));
+    for model in [Model::Affine, Model::Translation] {
+        for mix in of(model).mixes {
+            assert!(mix.weights.iter().sum::<f64>().abs() < 1e-9, "weights no longer add up to 1");
+            // To first order, what is left of the change once the motion has taken its part moves the points by one sample.
+            let h = 1e-4;
+            let weights = pose.weights.iter().zip(&mix.weights).map(|(w, d)| w + h * d).collect();
+            let with = DrawnPose { motion: pose.motion, weights };
+            let [a, b, c, d, x, y] = mix.motion;
+            let taken = |p: &[f64; 2]| {
+                let [u, v] = place(*p);
+                [p[0] + h * 2.0 * (a * u + b * v + x), p[1] + h * 2.0 * (c * u + d * v + y)]
+            };
+            let moved: Vec<[f64; 2]> = placed(&figure, &with).iter().map(taken).collect();
+            let gone = apart(&moved, &placed(&figure, &pose)) / h;
+            assert!((gone - 2.0).abs() < 1e-3, "{model:?}: {gone} px for a sample of 2 px");
+        }
+    }
+}
