@@ -197,7 +197,7 @@ fn mixes(
     let taken = factor.solve(&(fields.transpose() * &changes));
     let rest = &changes - &fields * &taken;
     // Keys gain what they gain at the cost of the pose as it is: with `pose + e (key - pose)` weights still add up to 1.
-    let axes = nalgebra::SymmetricEigen::new(rest.transpose() * &rest);
+    let Some(axes) = nalgebra::SymmetricEigen::try_new(rest.transpose() * &rest, f64::EPSILON, 1000) else { return Vec::new() };
     let mut order: Vec<usize> = (0..k).filter(|&j| axes.eigenvalues[j] > (k as f64) * least * least).collect();
     order.sort_by(|&a, &b| axes.eigenvalues[b].total_cmp(&axes.eigenvalues[a]));
     let mix = |j: usize| {
