@@ -210,7 +210,7 @@ fn mixes(
             let by: f64 = (0..k).map(|l| shares[l] * taken[(i, l)]).sum();
             back.iter_mut().zip(d).for_each(|(b, d)| *b -= by * d);
         }
-        let gone = &rest * &axes.eigenvectors.column(j) * (gain / mean);
+        let gone = &rest * axes.eigenvectors.column(j) * (gain / mean);
         let farthest = gone.as_slice().as_chunks::<2>().0.iter().map(|[x, y]| libm::hypot(*x, *y)).fold(0.0, f64::max);
         Mix { weights, motion: back, farthest }
     };
