@@ -111,7 +111,7 @@ pub fn bent(surface: &Surface, field: &[[f64; 2]], tolerance: f64) -> (Vec<bool>
     (off.iter().map(|d| *d > tolerance).collect(), off.iter().copied().fold(0.0, f64::max))
 }
 
-/// A place on an edge of a mesh whose edges were halved: on the half that it lies on. `first` is the number of the first new vertex.
+/// A place on an edge of a mesh whose edges were halved: on the half that it lies on, by the new vertices that [`halves`] lists.
 pub fn moved_place(place: ([u32; 2], f64), surface: &Surface, halves: &BTreeMap<[u32; 2], u32>) -> ([u32; 2], f64) {
     let ([a, b], share) = place;
     let joined = |v: u32| surface.joined[v as usize];
