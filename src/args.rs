@@ -86,6 +86,14 @@ const WHY_EXAMPLES: &str = "Examples:
 
 Nothing is run. Every run that has a cache leaves a record there, which this looks into; of each graph the last eight are kept.";
 
+const FMT_EXAMPLES: &str = "Examples:
+  pegbar fmt hat.ron             rewrites the file in canonical layout; comments stay, and so does every name and number
+  pegbar fmt shows               every .ron file below a folder
+  pegbar fmt --check shows       rewrites nothing; exit code 1 where a file is not canonical
+  pegbar fmt - < hat.ron         for editors: from the standard input to the standard output
+
+A file that is no RON is left alone, and what is wrong with it is said.";
+
 /// Runs dataflow graphs of animation nodes: capture drawn motion, put it on other drawings, stylise it, lift it to 3D.
 #[derive(Debug, Parser)]
 #[command(name = "pegbar", version, about, after_help = CLI_EXAMPLES, arg_required_else_help = true, max_term_width = 110)]
@@ -123,6 +131,9 @@ pub(crate) enum Command {
         after_help = "Examples:\n  pegbar graph hat.ron --format svg > hat.svg\n  pegbar graph hat.ron --format dot | dot -Tpdf > hat.pdf\n\nThe same graph is always drawn the same."
     )]
     Graph(DrawArgs),
+    /// Lay graph files out in the one canonical way, with every comment kept.
+    #[command(after_help = FMT_EXAMPLES)]
+    Fmt(FmtArgs),
     /// Look after the cache: what results are kept from run to run.
     #[command(subcommand, after_help = CACHE_EXAMPLES)]
     Cache(CacheCommand),
@@ -239,6 +250,16 @@ pub(crate) struct CheckArgs {
     /// Text for people on stderr, or JSON for programs on stdout.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct FmtArgs {
+    /// Graph files, or folders of them; `-` for the standard input.
+    #[arg(value_name = "PATH", required = true)]
+    pub(crate) files: Vec<PathBuf>,
+    /// Change nothing; say which files would change.
+    #[arg(long)]
+    pub(crate) check: bool,
 }
 
 #[derive(Args, Debug)]

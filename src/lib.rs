@@ -9,6 +9,7 @@ mod codes;
 mod completions;
 mod console;
 mod explain;
+mod fmt;
 mod graph;
 mod leave;
 mod list;
@@ -54,6 +55,7 @@ where
         args::Command::Types(args) => list::types(&args, registry, console),
         args::Command::Explain(args) => explain::explain(&args, registry, console),
         args::Command::Graph(args) => graph::graph(&args, registry, console),
+        args::Command::Fmt(args) => fmt::fmt(&args, console),
         args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Plan(args) => plan::plan(&args, registry, console),
         args::Command::Why(args) => why::why(&args, registry, console),

@@ -185,6 +185,26 @@ fn the_values_of_a_node_are_taken_without_a_sink() {
 }
 
 #[test]
+fn graphs_are_laid_out_in_one_way_and_what_is_broken_is_left_alone() {
+    let shot = Shot::new("\"f\":(type:\"test.frame\",),// a comment");
+    std::fs::write(shot.path("broken.ron"), "Graph(nodes: {").unwrap();
+    let folder = shot.0.path().to_string_lossy().into_owned();
+    let before = shot.read("g.ron");
+    let ran = cli(&["fmt", "--check", &folder]);
+    assert_eq!((ran.code, shot.plain(&ran.out).as_str()), (2, "g.ron\n"), "{}", ran.err);
+    assert!(
+        ran.err.contains("broken.ron:1:14") && ran.err.ends_with("2 files, 1 not canonical, 1 left alone because of errors\n"),
+        "{}",
+        ran.err
+    );
+    assert_eq!(shot.read("g.ron"), before);
+    assert_eq!(cli(&["fmt", &shot.path("g.ron")]).code, 0);
+    assert!(shot.read("g.ron").unwrap().contains("        \"f\": (type: \"test.frame\"), // a comment\n"));
+    assert_eq!(cli(&["fmt", "--check", &shot.path("g.ron")]).code, 0);
+    assert_eq!(shot.read("broken.ron").as_deref(), Some("Graph(nodes: {"));
+}
+
+#[test]
 fn no_progress_is_silence() {
     let ran = Shot::new(FINE).run(&["--progress", "none"]);
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (0, "", ""));

@@ -2,5 +2,6 @@
 
 mod agreement;
 mod errors;
+mod format;
 mod shape;
 mod values;

@@ -121,7 +121,7 @@ fn trivia() -> impl Strategy<Value = &'static str> {
 }
 
 /// Documents, most of them valid.
-fn document() -> impl Strategy<Value = String> {
+pub(super) fn document() -> impl Strategy<Value = String> {
     let value = leaf().prop_recursive(4, 24, 4, |inner| {
         let item = (trivia(), inner, trivia()).prop_map(|(before, value, after)| format!("{before}{value}{after}")).boxed();
         let name = prop::sample::select(vec!["a", "b_c", "r#d-e", "Some", "true"]);
