@@ -86,6 +86,21 @@ const WHY_EXAMPLES: &str = "Examples:
 
 Nothing is run. Every run that has a cache leaves a record there, which this looks into; of each graph the last eight are kept.";
 
+const DIFF_EXAMPLES: &str = "Examples:
+  pegbar diff old.ron new.ron                         layout, comments and the order of nodes do not count
+  git show HEAD:hat.ron | pegbar diff - hat.ron       since the last commit
+
+Exit codes:
+  0  they mean the same
+  1  they differ
+  2  a file cannot be read, or callers break and the version number does not say so";
+
+const WHOSE_EXAMPLES: &str = "Examples:
+  pegbar whose hat.ron track.levels                          the default, or what the graph says
+  pegbar whose hat.ron track.levels --shot show/sq010/sh020  and what show, sequence and shot say; the first line counts
+  pegbar whose hat.ron '$plate' --shot show/sq010/sh020      the same for a parameter
+  pegbar whose hat.ron --shot show/sq010/sh020               everything that is set from outside the graph";
+
 const FMT_EXAMPLES: &str = "Examples:
   pegbar fmt hat.ron             rewrites the file in canonical layout; comments stay, and so does every name and number
   pegbar fmt shows               every .ron file below a folder
@@ -143,6 +158,12 @@ pub(crate) enum Command {
     /// Say why a node runs again: the first fact that differs from the run before, old and new, with file and line.
     #[command(after_help = WHY_EXAMPLES)]
     Why(WhyArgs),
+    /// Say what differs between two graphs, by meaning rather than by line, and whether callers of the second break.
+    #[command(after_help = DIFF_EXAMPLES)]
+    Diff(DiffArgs),
+    /// Say where a setting comes from: every layer that says something of it, with file and line.
+    #[command(after_help = WHOSE_EXAMPLES)]
+    Whose(WhoseArgs),
     /// Print a completion script for a shell.
     #[command(
         after_help = "Examples:\n  pegbar completions bash > ~/.local/share/bash-completion/completions/pegbar\n  pegbar completions zsh > ~/.zfunc/_pegbar"
@@ -165,11 +186,27 @@ pub(crate) struct GraphArgs {
     /// Value of a parameter of the graph.
     #[arg(long = "var", value_name = "NAME=VALUE", value_parser = pair)]
     pub(crate) var: Vec<(String, String)>,
+    /// Folder of the shot: its shot.ron, and the sequence.ron and show.ron above it, set parameters and inputs.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) shot: Option<PathBuf>,
+    /// Folder in which graphs that the graph uses are looked for, besides its own; several times.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) library: Vec<PathBuf>,
+    /// Layer of every show: the weakest, below show.ron.
+    #[arg(long, value_name = "FILE", env = "PEGBAR_SITE")]
+    pub(crate) site: Option<PathBuf>,
 }
 
 impl GraphArgs {
     pub(crate) fn load_options(&self) -> LoadOptions {
-        LoadOptions { out: self.out.clone(), variables: self.var.clone(), overrides: self.set.clone() }
+        LoadOptions {
+            out: self.out.clone(),
+            variables: self.var.clone(),
+            overrides: self.set.clone(),
+            shot: self.shot.clone(),
+            site: self.site.clone(),
+            library: self.library.clone(),
+        }
     }
 }
 
@@ -345,6 +382,31 @@ pub(crate) struct WhyArgs {
     pub(crate) node: (String, Option<i64>),
     #[command(flatten)]
     pub(crate) folder: CacheFolder,
+    /// Text for people, or JSON for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct DiffArgs {
+    /// Graph file as it was; `-` for the standard input.
+    #[arg(value_name = "OLD")]
+    pub(crate) old: PathBuf,
+    /// Graph file as it is.
+    #[arg(value_name = "NEW")]
+    pub(crate) new: PathBuf,
+    /// Text for people, or JSON for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct WhoseArgs {
+    #[command(flatten)]
+    pub(crate) graph: GraphArgs,
+    /// Input as NODE.INPUT, parameter as $NAME, all of a node as NODE; everything that is said from outside the graph if left out.
+    #[arg(value_name = "NODE.INPUT")]
+    pub(crate) name: Option<String>,
     /// Text for people, or JSON for programs.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub(crate) format: Format,

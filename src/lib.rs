@@ -8,6 +8,7 @@ mod check;
 mod codes;
 mod completions;
 mod console;
+mod diff;
 mod explain;
 mod fmt;
 mod graph;
@@ -22,6 +23,7 @@ mod resources;
 mod run;
 mod summary;
 mod trace;
+mod whose;
 mod why;
 
 use std::ffi::OsString;
@@ -59,6 +61,8 @@ where
         args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Plan(args) => plan::plan(&args, registry, console),
         args::Command::Why(args) => why::why(&args, registry, console),
+        args::Command::Diff(args) => diff::diff(&args, console),
+        args::Command::Whose(args) => whose::whose(&args, registry, console),
         args::Command::Completions(args) => completions::completions(&args, console),
     }
 }

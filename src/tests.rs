@@ -205,6 +205,41 @@ fn graphs_are_laid_out_in_one_way_and_what_is_broken_is_left_alone() {
 }
 
 #[test]
+fn every_layer_that_says_something_of_a_setting_is_named() {
+    let shot = Shot::new(FINE);
+    let folder = |name: &str| shot.path(name);
+    std::fs::create_dir_all(folder("show/sh")).unwrap();
+    std::fs::write(folder("show/show.ron"), "Layer(pegbar: 1, set: { \"g.gain\": 3 })").unwrap();
+    std::fs::write(folder("show/sh/shot.ron"), "Layer(\n    pegbar: 1,\n    set: { \"g.gain\": 4 },\n)").unwrap();
+    let (graph, sh) = (folder("g.ron"), folder("show/sh"));
+    let ran = cli(&["whose", &graph, "g.gain", "--shot", &sh, "--set", "g.gain=5"]);
+    let columns = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>().join(" ");
+    let said: Vec<String> = shot.plain(&ran.out).lines().map(columns).collect();
+    let expected =
+        ["g.gain", "command line 5", "shot show/sh/shot.ron:3:22 4", "show show/show.ron:1:35 3", "graph g.ron:6:49 2.0", "default 1.0"];
+    assert_eq!((ran.code, said), (0, expected.map(str::to_owned).to_vec()), "{}", ran.err);
+    let all = cli(&["whose", &graph, "--shot", &sh, "--format", "json"]);
+    let json: serde_json::Value = serde_json::from_str(&all.out).unwrap();
+    assert_eq!((json.as_array().map(Vec::len), &json[0]["settings"][0]["text"]), (Some(1), &"4".into()));
+    let wrong = cli(&["whose", &graph, "g.gian"]);
+    assert!(wrong.code == 2 && wrong.err.contains("did you mean `g.gain`?"), "{}", wrong.err);
+    assert_eq!(shot.run(&["--shot", &sh, "--frames", "2"]).code, 0);
+    assert_eq!(shot.read("out/n.02.txt").as_deref(), Some("8\n"));
+}
+
+#[test]
+fn two_graphs_are_compared_by_meaning() {
+    let (one, other) = (Shot::new(FINE), Shot::new(&FINE.replace("2.0", "3.0").replace("\"out\"", "\"written\"")));
+    let (a, b) = (one.path("g.ron"), other.path("g.ron"));
+    let ran = cli(&["diff", &a, &b]);
+    assert_eq!((ran.code, ran.out.as_str()), (1, "> nodes.out is now nodes.written\n~ nodes.g.gain: 2.0 is now 3.0\n"), "{}", ran.err);
+    cli(&["fmt", &a]);
+    assert_eq!(cli(&["diff", &a, &one.path("g.ron")]).code, 0);
+    std::fs::write(&b, "Graph(nodes: {").unwrap();
+    assert_eq!(cli(&["diff", &a, &b]).code, 2);
+}
+
+#[test]
 fn no_progress_is_silence() {
     let ran = Shot::new(FINE).run(&["--progress", "none"]);
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (0, "", ""));

@@ -9,6 +9,7 @@ pub mod cache;
 pub mod check;
 pub mod clock;
 pub mod diag;
+pub mod diff;
 pub mod draw;
 pub mod exec;
 pub mod graph;

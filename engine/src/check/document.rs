@@ -5,13 +5,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::clock::Clock;
-use crate::diag::{FileId, Span};
+use crate::diag::{Diagnostic, FileId, Label, Span};
 use crate::registry::NodeType;
 use crate::setting::Setting;
 use crate::syntax::{EntryRef, FieldRef, NodeKind, NodeRef, Tree};
 
+use super::layers::Layer;
 use super::params::{Param, resembles};
-use super::{At, Checker, code};
+use super::resolve::Written;
+use super::{At, Checker, code, version};
 
 /// One use of one graph file.
 pub(super) struct Scope {
@@ -63,7 +65,7 @@ pub(super) struct NodeSource {
     pub(super) given: BTreeMap<String, (Given, Span)>,
 }
 
-const FIELDS: [&str; 7] = ["pegbar", "doc", "frames", "clocks", "params", "nodes", "outputs"];
+const FIELDS: [&str; 8] = ["pegbar", "doc", "version", "frames", "clocks", "params", "nodes", "outputs"];
 /// Graphs within each other.
 const MAX_NESTED: usize = 64;
 /// Graphs in all: more is a graph that uses itself in ever new ways.
@@ -74,9 +76,7 @@ const VERSION: i64 = 1;
 impl Checker<'_> {
     pub(super) fn read_main(&mut self, path: &Path, text: String) -> Option<usize> {
         let file = self.source(path, &text);
-        let scope = self.read_graph(path, file, text, String::new(), Vec::new(), BTreeMap::new())?;
-        self.set_variables(scope);
-        Some(scope)
+        self.read_graph(path, file, text, String::new(), Vec::new(), BTreeMap::new())
     }
 
     fn read_graph(
@@ -116,10 +116,15 @@ impl Checker<'_> {
         });
         let fields = self.fields(file, root, &FIELDS, "a graph");
         self.text_field(file, &fields, "doc");
-        self.read_clocks(scope, fields.get("frames"), fields.get("clocks"));
+        self.text_field(file, &fields, "version");
         if let Some(params) = fields.get("params") {
             self.read_params(scope, *params);
         }
+        if self.scopes[scope].prefix.is_empty() {
+            self.set_variables(scope);
+        }
+        // After the parameters, which may say what the frames are.
+        self.read_clocks(scope, fields.get("frames"), fields.get("clocks"));
         if let Some(nodes) = fields.get("nodes") {
             self.read_nodes(scope, *nodes);
         }
@@ -132,7 +137,7 @@ impl Checker<'_> {
     }
 
     /// Says what is wrong with the format version; false where a file of that version cannot be read here.
-    fn version(&mut self, file: FileId, root: NodeRef<'_>) -> bool {
+    pub(super) fn version(&mut self, file: FileId, root: NodeRef<'_>) -> bool {
         let Some(field) = root.field("pegbar") else {
             let name = At::new(file, root.name().map_or(root.span(), |n| n.span()));
             self.error(code::MISSING_FIELD, name, "expected `pegbar: 1`, the format version, found none");
@@ -166,7 +171,7 @@ impl Checker<'_> {
     }
 
     /// The source of a graph file, under the name by which it is first used.
-    fn source(&mut self, path: &Path, text: &str) -> FileId {
+    pub(super) fn source(&mut self, path: &Path, text: &str) -> FileId {
         let key = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         if let Some(file) = self.files.get(&key) {
             return *file;
@@ -241,33 +246,34 @@ impl Checker<'_> {
         let nested = !self.scopes[scope].prefix.is_empty();
         // A graph that is used as a node runs on the frames of the graph that uses it.
         if let Some(value) = frames.and_then(|f| f.value()) {
-            let clock = self.declared_clock(file, "frames", value);
+            let clock = self.declared_clock(scope, "frames", value);
             if !(nested && self.scopes[scope].clocks.contains_key("frames")) {
                 self.scopes[scope].clocks.insert("frames".to_owned(), Arc::new(clock));
             }
         }
         for (name, value, _) in clocks.map(|f| self.map(file, *f)).unwrap_or_default() {
-            let clock = self.declared_clock(file, &name, value);
+            let clock = self.declared_clock(scope, &name, value);
             self.scopes[scope].clocks.insert(name, Arc::new(clock));
         }
     }
 
     /// A clock that is declared; where it is wrong one that stands for it, of which nothing more is said.
-    fn declared_clock(&mut self, file: FileId, name: &str, value: NodeRef<'_>) -> Clock {
-        self.clock(file, name, value).unwrap_or_else(|| {
+    fn declared_clock(&mut self, scope: usize, name: &str, value: NodeRef<'_>) -> Clock {
+        self.clock(scope, name, value).unwrap_or_else(|| {
             self.broken_clocks.insert(name.to_owned());
             Clock { name: name.to_owned(), first: 1, last: 1, fps: (24, 1) }
         })
     }
 
-    fn clock(&mut self, file: FileId, name: &str, value: NodeRef<'_>) -> Option<Clock> {
+    fn clock(&mut self, scope: usize, name: &str, value: NodeRef<'_>) -> Option<Clock> {
+        let file = self.scopes[scope].file;
         let at = At::new(file, value.span());
         if value.kind() != NodeKind::Struct {
             self.error(code::FORM, at, format!("expected (first: 1, last: 48, fps: 24), found {}", value.describe()));
             return None;
         }
         let fields = self.fields(file, value, &["first", "last", "fps"], "a clock");
-        let (first, last) = (self.number(file, at, &fields, "first"), self.number(file, at, &fields, "last"));
+        let (first, last) = (self.number(scope, at, &fields, "first"), self.number(scope, at, &fields, "last"));
         let fps = fields.get("fps").and_then(|f| f.value()).map_or(Some((24, 1)), |v| self.fps(file, v));
         let (first, last, fps) = (first?, last?, fps?);
         if last < first || last - first >= 10_000_000 {
@@ -278,16 +284,22 @@ impl Checker<'_> {
         Some(Clock { name: name.to_owned(), first, last, fps })
     }
 
-    fn number(&mut self, file: FileId, whole: At, fields: &BTreeMap<&str, FieldRef<'_>>, name: &str) -> Option<i64> {
+    fn number(&mut self, scope: usize, whole: At, fields: &BTreeMap<&str, FieldRef<'_>>, name: &str) -> Option<i64> {
         let Some(value) = fields.get(name).and_then(|f| f.value()) else {
             self.error(code::MISSING_FIELD, whole, format!("expected `{name}`, as in (first: 1, last: 48, fps: 24), found none"));
             return None;
         };
+        let at = At::new(whole.file, value.span());
+        let given = Given { scope, text: value.text().to_owned(), at, base: PathBuf::new() };
+        let text = match self.written(given) {
+            Written::Literal(given) => given.text,
+            Written::Broken => return None,
+            _ => value.text().to_owned(),
+        };
         // A hundred million frames is more than a month of film; sums of two such numbers never overflow.
-        let number = i64::parse(value.text()).ok().filter(|n| n.abs() <= 100_000_000);
+        let number = i64::parse(&text).ok().filter(|n| n.abs() <= 100_000_000);
         if number.is_none() {
-            let at = At::new(file, value.span());
-            self.error(code::FORM, at, format!("expected a whole number up to 100000000, found {}", value.text()));
+            self.error(code::FORM, at, format!("expected a whole number up to 100000000, found {text}"));
         }
         number
     }
@@ -349,22 +361,43 @@ impl Checker<'_> {
             }
         }
         let full = format!("{}{name}", self.scopes[scope].prefix);
-        self.apply_overrides(scope, &full, &mut given);
+        for (input, (given, _)) in &given {
+            self.note(format!("{full}.{input}"), Layer::Graph, given);
+        }
+        self.apply_overrides(scope, &full, &id, &mut given);
         match id.strip_prefix("graph:") {
             Some(path) => self.use_graph(scope, &full, path, (at, type_at), given),
             None => self.plain_node(scope, full, &id, type_at, at, given),
         }
     }
 
-    fn apply_overrides(&mut self, scope: usize, node: &str, given: &mut BTreeMap<String, (Given, Span)>) {
-        for (key, value) in self.options.overrides.clone() {
-            let Some((target, input)) = key.rsplit_once('.') else { continue };
-            if target == node {
-                let text = self.command_line(&format!("--set {key}="), &value, false);
-                let span = text.at.span;
-                given.insert(input.to_owned(), (Given { scope, ..text }, span));
-                self.used.insert(key);
+    /// What layers and the command line say of a node's inputs, in place of what stands in the graph.
+    fn apply_overrides(&mut self, scope: usize, node: &str, id: &str, given: &mut BTreeMap<String, (Given, Span)>) {
+        let inside = |key: &str| key.rsplit_once('.').filter(|(target, _)| *target == node).map(|(_, input)| input.to_owned());
+        let schema = self.registry.get(id).map(|t| t.schema.clone());
+        let mut set = Vec::new();
+        for layer in &mut self.layers {
+            for said in &mut layer.inputs {
+                let Some(input) = inside(&said.name) else { continue };
+                said.strict = true;
+                // An input that there is no more is no reason to refuse the graph.
+                if schema.as_ref().is_some_and(|s| s.input(&input).is_none()) {
+                    continue;
+                }
+                said.used = true;
+                set.push((layer.layer, input, Given { scope, ..said.given.clone() }, said.name_at.span));
             }
+        }
+        for (key, value) in self.options.overrides.clone() {
+            let Some(input) = inside(&key) else { continue };
+            let text = self.command_line(&format!("--set {key}="), &value, false);
+            let span = text.at.span;
+            set.push((Layer::CommandLine, input, Given { scope, ..text }, span));
+            self.used.insert(key);
+        }
+        for (layer, input, value, span) in set {
+            self.note(format!("{node}.{input}"), layer, &value);
+            given.insert(input, (value, span));
         }
     }
 
@@ -390,7 +423,8 @@ impl Checker<'_> {
         (at, type_at): (At, At),
         given: BTreeMap<String, (Given, Span)>,
     ) -> Entry {
-        let path = self.scopes[scope].base.join(path);
+        let (path, version) = version::split(path);
+        let path = self.find_graph(scope, path);
         let resolved = path.canonicalize().unwrap_or_else(|_| path.clone());
         let files = self.scopes[scope].files.clone();
         if files.contains(&resolved) {
@@ -410,10 +444,33 @@ impl Checker<'_> {
             }
         };
         let file = self.source(&path, &text);
+        if let Some(wanted) = version {
+            self.check_version(&path, &text, wanted, type_at);
+        }
         let clocks = self.scopes[scope].clocks.clone();
         let Some(inner) = self.read_graph(&path, file, text, format!("{name}/"), files, clocks) else { return Entry::Broken };
         self.give_params(inner, &path, at, given);
         Entry::Graph(inner)
+    }
+
+    /// Where a graph that is used lies: beside the file that uses it, or in the library.
+    fn find_graph(&self, scope: usize, path: &str) -> PathBuf {
+        let beside = self.scopes[scope].base.join(path);
+        let in_library = || self.library.iter().map(|folder| folder.join(path)).find(|p| p.is_file());
+        if beside.is_file() { beside } else { in_library().unwrap_or(beside) }
+    }
+
+    /// Says where a graph is of another version than the one that is asked for.
+    fn check_version(&mut self, path: &Path, text: &str, wanted: &str, at: At) {
+        let tree = Tree::parse(text);
+        let field = tree.value().and_then(|root| root.field("version")).and_then(|f| f.value());
+        let found = field.and_then(|v| v.as_str().map(|s| s.into_value().into_owned()));
+        let (message, help) = match version::serves(wanted, found.as_deref()) {
+            Ok(()) => return,
+            Err(wrong) => wrong,
+        };
+        let error = at.error(code::GRAPH_VERSION, format!("{message}: {}", path.display()));
+        self.push(error.help(help));
     }
 
     fn no_graph_file(&mut self, path: &Path, at: At, error: &std::io::Error) {
@@ -433,12 +490,24 @@ impl Checker<'_> {
         let is_torn = self.torn.iter().any(|t| t.file == self.scopes[inner].file);
         let mut misspelt = Vec::new();
         for (input, (value, span)) in given {
+            let prefix = &self.scopes[inner].prefix;
+            let layer = self.settings.of(&format!("{}.{input}", prefix.trim_end_matches('/'))).last().map_or(Layer::Graph, |s| s.layer);
+            let inside = format!("{prefix}${input}");
+            if self.scopes[inner].params.contains_key(&input) {
+                self.note(inside, layer, &value);
+            }
             if let Some(param) = self.scopes[inner].params.get_mut(&input) {
                 param.value = Some(value);
                 param.broken = false;
             } else if !is_torn {
                 let message = format!("expected a parameter of {}, found `{input}`", path.display());
-                let found = At::new(value.at.file, span).error(code::UNKNOWN_INPUT, message);
+                let at = At::new(value.at.file, span);
+                let found = match layer {
+                    Layer::Site | Layer::Show | Layer::Sequence | Layer::Shot => {
+                        Diagnostic::warning(code::STALE_LAYER, message, Label::new(at.file, at.span))
+                    }
+                    _ => at.error(code::UNKNOWN_INPUT, message),
+                };
                 let list =
                     if known.is_empty() { "it has no parameters".to_owned() } else { format!("its parameters are {}", known.join(", ")) };
                 self.push(found.did_you_mean(&input, known.iter().map(String::as_str)).help(list));

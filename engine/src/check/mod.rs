@@ -5,10 +5,12 @@
 
 mod document;
 mod files;
+mod layers;
 mod params;
 mod rates;
 mod resolve;
 mod typing;
+pub mod version;
 mod words;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,6 +19,8 @@ use std::path::{Path, PathBuf};
 use crate::diag::{Diagnostic, FileId, Label, Severity, SourceMap, Span};
 use crate::graph::Graph;
 use crate::registry::Registry;
+
+pub use layers::{Layer, Setting, Settings};
 
 /// The codes of what can be wrong with a graph.
 pub mod code {
@@ -44,6 +48,8 @@ pub mod code {
     pub const MISSING_INPUT: &str = "PB0122";
     /// A graph that uses itself.
     pub const GRAPH_RECURSION: &str = "PB0123";
+    /// A graph of another version than the one that is asked for.
+    pub const GRAPH_VERSION: &str = "PB0124";
     /// A literal that is not what the input takes.
     pub const BAD_LITERAL: &str = "PB0130";
     /// A number outside the input's range.
@@ -70,6 +76,8 @@ pub mod code {
     pub const UNUSED_PARAMETER: &str = "PB0151";
     /// An override of something that there is not.
     pub const UNKNOWN_OVERRIDE: &str = "PB0152";
+    /// A layer that sets what the graph does not have.
+    pub const STALE_LAYER: &str = "PB0153";
     /// A file that there is not.
     pub const MISSING_FILE: &str = "PB0160";
     /// Frames of a sequence that there are not.
@@ -84,7 +92,7 @@ pub mod code {
     pub const SETTINGS: &str = "PB0170";
 
     /// All of them.
-    pub const ALL: [&str; 31] = [
+    pub const ALL: [&str; 33] = [
         UNREADABLE,
         UNKNOWN_FIELD,
         FORMAT_VERSION,
@@ -97,6 +105,7 @@ pub mod code {
         UNKNOWN_INPUT,
         MISSING_INPUT,
         GRAPH_RECURSION,
+        GRAPH_VERSION,
         BAD_LITERAL,
         OUT_OF_RANGE,
         UNKNOWN_VALUE_TYPE,
@@ -110,6 +119,7 @@ pub mod code {
         UNDEFINED_VARIABLE,
         UNUSED_PARAMETER,
         UNKNOWN_OVERRIDE,
+        STALE_LAYER,
         MISSING_FILE,
         FRAME_HOLES,
         OUTSIDE_OUTPUT,
@@ -128,6 +138,12 @@ pub struct LoadOptions {
     pub variables: Vec<(String, String)>,
     /// `node.input=RON` pairs.
     pub overrides: Vec<(String, String)>,
+    /// Folder of the shot that the graph is run for; its layers, and those of the folders above, are read.
+    pub shot: Option<PathBuf>,
+    /// The layer of every show.
+    pub site: Option<PathBuf>,
+    /// Folders in which graphs that are used are looked for, besides that of the file that uses them.
+    pub library: Vec<PathBuf>,
 }
 
 /// A graph file that was read, with all that is wrong with it.
@@ -138,6 +154,8 @@ pub struct Loaded {
     pub diagnostics: Vec<Diagnostic>,
     /// The graph; `None` where something is wrong.
     pub graph: Option<Graph>,
+    /// Where each setting comes from.
+    pub settings: Settings,
 }
 
 impl Loaded {
@@ -189,6 +207,13 @@ struct Checker<'a> {
     expanding: Vec<(usize, String)>,
     /// Variables replaced for one input so far.
     lookups: usize,
+    /// What layers say, the weakest first.
+    layers: Vec<layers::LayerFile>,
+    /// Variables that layers define, and the names of their folders.
+    context: BTreeMap<String, document::Given>,
+    /// Folders in which graphs are looked for, the nearest first.
+    library: Vec<PathBuf>,
+    settings: Settings,
 }
 
 /// A place in a file.
@@ -242,14 +267,20 @@ impl<'a> Checker<'a> {
             undefined: BTreeSet::new(),
             expanding: Vec::new(),
             lookups: 0,
+            layers: Vec::new(),
+            context: BTreeMap::new(),
+            library: options.library.clone(),
+            settings: Settings::default(),
         }
     }
 
     fn check(mut self, path: &Path, text: String) -> Loaded {
+        self.read_layers(path);
         let scope = self.read_main(path, text);
         let graph = scope.and_then(|s| self.resolve_all(s));
         if scope.is_some() {
             self.unused_overrides();
+            self.unused_layers();
         }
         self.finish(graph)
     }
@@ -259,7 +290,7 @@ impl<'a> Checker<'a> {
         self.diagnostics.retain(|d| torn.is_empty() || !follows_from(d, &torn));
         crate::diag::sort(&mut self.diagnostics);
         let failed = self.diagnostics.iter().any(|d| d.severity == Severity::Error);
-        Loaded { sources: self.sources, diagnostics: self.diagnostics, graph: graph.filter(|_| !failed) }
+        Loaded { sources: self.sources, diagnostics: self.diagnostics, graph: graph.filter(|_| !failed), settings: self.settings }
     }
 
     fn error(&mut self, code: &'static str, at: At, message: impl Into<String>) -> &mut Diagnostic {
@@ -278,8 +309,13 @@ impl<'a> Checker<'a> {
     }
 }
 
+/// True where two paths lead to one place.
+fn same_file(a: &Path, b: &Path) -> bool {
+    a == b || a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
+}
+
 /// Codes of what is missing: it may stand in the text that could not be read.
-const MISSING: [&str; 9] = [
+const MISSING: [&str; 10] = [
     code::MISSING_FIELD,
     code::MISSING_INPUT,
     code::UNKNOWN_NODE,
@@ -288,6 +324,7 @@ const MISSING: [&str; 9] = [
     code::UNDEFINED_VARIABLE,
     code::UNUSED_PARAMETER,
     code::UNKNOWN_OVERRIDE,
+    code::STALE_LAYER,
     code::FRAMES,
 ];
 

@@ -8,6 +8,7 @@ use crate::setting::Setting;
 use crate::syntax::{Extensions, FieldRef, NodeKind, NodeRef, parse_slice};
 
 use super::document::Given;
+use super::layers::Layer;
 use super::{At, Checker, code};
 
 /// A parameter of a scope, with its value.
@@ -25,16 +26,27 @@ pub(super) struct Param {
 const PLAIN: [&str; 6] = ["path", "text", "number", "whole", "bool", "any"];
 
 impl Checker<'_> {
-    /// Gives the parameters of the main graph what was said on the command line.
+    /// Gives the parameters of the main graph what layers and the command line say of them.
     pub(super) fn set_variables(&mut self, scope: usize) {
+        let mut set = Vec::new();
+        for layer in &mut self.layers {
+            for said in layer.params.iter_mut().filter(|s| self.scopes[scope].params.contains_key(&s.name)) {
+                said.used = true;
+                set.push((layer.layer, said.name.clone(), Given { scope, ..said.given.clone() }));
+            }
+        }
         for (name, value) in self.options.variables.clone() {
             let Some(ty) = self.scopes[scope].params.get(&name).map(|p| p.ty.clone()) else { continue };
             let given = self.command_line(&format!("--var {name}="), &value, matches!(ty.as_str(), "path" | "text"));
+            self.used.insert(name.clone());
+            set.push((Layer::CommandLine, name, Given { scope, ..given }));
+        }
+        for (layer, name, given) in set {
+            self.note(format!("${name}"), layer, &given);
             if let Some(param) = self.scopes[scope].params.get_mut(&name) {
-                param.value = Some(Given { scope, ..given });
+                param.value = Some(given);
                 param.broken = false;
             }
-            self.used.insert(name);
         }
     }
 
@@ -63,6 +75,9 @@ impl Checker<'_> {
             // A misspelt `default` was said; that there is none follows from it.
             let misspelt = given.is_none() && value.fields().any(|f| resembles(f.name(), "default"));
             let (ty, fine) = self.param_type(file, &fields, default);
+            if let Some(given) = &given {
+                self.note(format!("{}${name}", self.scopes[scope].prefix), Layer::Graph, given);
+            }
             let param = Param { value: given, at: At::new(file, span), ty, broken: misspelt || !fine };
             self.scopes[scope].params.insert(name, param);
         }

@@ -113,11 +113,19 @@ impl Checker<'_> {
             }
             return param.value.clone();
         }
+        if let Some(value) = self.context.get(name) {
+            return Some(Given { scope: 0, ..value.clone() });
+        }
         self.undefined.insert(name.to_owned());
-        let known: Vec<String> = self.scopes[given.scope].params.keys().cloned().chain(["out".to_owned()]).collect();
+        let own = self.scopes[given.scope].params.keys().chain(self.context.keys()).cloned();
+        let known: Vec<String> = own.chain(["out".to_owned()]).collect();
         let found =
             self.variable_at(given, name).error(code::UNDEFINED_VARIABLE, format!("expected a parameter of the graph, found `${name}`"));
-        let help = "parameters are declared under `params`; a plain dollar sign is `$$`";
+        let of_shot = ["shot", "sequence", "show"].iter().any(|word| name.strip_suffix("_dir").unwrap_or(name) == *word);
+        let help = match of_shot {
+            true => "the names of a shot's folders are known where a shot is named: `--shot DIR`",
+            false => "parameters are declared under `params`; a plain dollar sign is `$$`",
+        };
         self.push(found.did_you_mean(name, known.iter().map(String::as_str)).help(help));
         None
     }

@@ -10,12 +10,12 @@ use crate::graph::{Binding, Graph, GraphNode, Port};
 use crate::node::{Arg, InputSchema, InputType, NodeError, NodeSchema, SequenceRef};
 use crate::registry::NodeType;
 use crate::setting::{Place, SettingError};
-use crate::syntax::{NodeKind, Tree};
+use crate::syntax::{NodeKind, Tree, canonical};
 
 use super::document::Given;
 use super::params::resembles;
 use super::resolve::Written;
-use super::words::{canonical, describe_input, describe_range, refusal};
+use super::words::{describe_input, describe_range, refusal};
 use super::{At, Checker, code};
 
 /// A node with its bindings looked up; its rate, clock and types follow from those.

@@ -3,12 +3,6 @@
 use crate::clock::Clock;
 use crate::node::{InputSchema, InputType};
 use crate::setting::SettingError;
-use crate::syntax::Tree;
-
-/// The literal without comments and blanks, so that keys do not change with the layout.
-pub(super) fn canonical(text: &str) -> String {
-    Tree::parse(text.to_owned()).tokens().filter(|t| !t.kind().is_trivia()).map(|t| t.text()).collect()
-}
 
 pub(super) fn with_article(name: &str) -> String {
     let article = if name.starts_with(['A', 'E', 'I', 'O', 'U']) { "an" } else { "a" };

@@ -23,6 +23,19 @@ pub fn format(tree: &Tree) -> Option<String> {
     Some(printer.out)
 }
 
+/// A value without comments, blanks and commas at the ends of items, so that one value has one text in any layout.
+pub fn canonical(text: &str) -> String {
+    let tree = Tree::parse(text);
+    let mut out = String::with_capacity(text.len());
+    for token in tree.tokens().filter(|t| !t.kind().is_trivia()) {
+        if out.ends_with(',') && matches!(token.kind(), TokenKind::RParen | TokenKind::RBracket | TokenKind::RBrace) {
+            out.pop();
+        }
+        out.push_str(token.text());
+    }
+    out
+}
+
 /// A comment with a line of its own.
 struct Comment<'t> {
     token: TokenRef<'t>,

@@ -28,7 +28,7 @@ mod tests;
 
 pub use crate::diag::Span;
 pub use escape::StrValue;
-pub use format::format;
+pub use format::{canonical, format};
 pub use lexer::TokenKind;
 pub use tree::{EntryRef, FieldRef, NodeId, NodeKind, NodeRef, TokenRef, Tree};
 pub use value::{ValueError, parse_slice, parse_value};

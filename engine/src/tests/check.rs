@@ -60,7 +60,16 @@ impl Case {
             let lines = self.section("options").lines().filter_map(|l| l.strip_prefix(word));
             lines.map(|l| l.split_once('=').unwrap()).map(|(k, v)| (k.to_owned(), v.to_owned())).collect()
         };
-        LoadOptions { out: folder.join("out"), variables: pairs("--var "), overrides: pairs("--set ") }
+        let folders =
+            |word: &str| self.section("options").lines().filter_map(|l| l.strip_prefix(word)).map(|l| folder.join(l)).collect::<Vec<_>>();
+        LoadOptions {
+            out: folder.join("out"),
+            variables: pairs("--var "),
+            overrides: pairs("--set "),
+            shot: folders("--shot ").pop(),
+            site: folders("--site ").pop(),
+            library: folders("--library "),
+        }
     }
 
     fn load(&self) -> (Loaded, PathBuf) {

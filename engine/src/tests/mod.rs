@@ -6,6 +6,7 @@ mod cached;
 mod check;
 mod check_nodes;
 mod keys;
+mod layers;
 pub(crate) mod nodes;
 mod random;
 mod run;

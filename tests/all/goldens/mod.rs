@@ -42,7 +42,7 @@ fn graphs() -> Vec<String> {
 
 fn options(sidecar: &Sidecar, out: PathBuf) -> LoadOptions {
     let pairs = |map: &BTreeMap<String, String>| map.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
-    LoadOptions { out, variables: pairs(&sidecar.variables), overrides: pairs(&sidecar.set) }
+    LoadOptions { out, variables: pairs(&sidecar.variables), overrides: pairs(&sidecar.set), ..LoadOptions::default() }
 }
 
 /// The graph, free of errors and warnings.
