@@ -86,6 +86,13 @@ const WHY_EXAMPLES: &str = "Examples:
 
 Nothing is run. Every run that has a cache leaves a record there, which this looks into; of each graph the last eight are kept.";
 
+const EDIT_EXAMPLES: &str = "Examples:
+  pegbar edit hat.ron --set track.levels=4             comments and layout stay as they are
+  pegbar edit hat.ron --rename swap=witch              and every \"@swap\" that reads it
+  pegbar edit hat.ron --set 'swap.path=\"art/b.png\"'   values are RON: a text has its quotes
+
+The file is written whole or not at all; what cannot be done changes nothing.";
+
 const DIFF_EXAMPLES: &str = "Examples:
   pegbar diff old.ron new.ron                         layout, comments and the order of nodes do not count
   git show HEAD:hat.ron | pegbar diff - hat.ron       since the last commit
@@ -158,6 +165,9 @@ pub(crate) enum Command {
     /// Say why a node runs again: the first fact that differs from the run before, old and new, with file and line.
     #[command(after_help = WHY_EXAMPLES)]
     Why(WhyArgs),
+    /// Change a graph file: inputs, names, nodes; no byte changes but those that must.
+    #[command(after_help = EDIT_EXAMPLES)]
+    Edit(EditArgs),
     /// Say what differs between two graphs, by meaning rather than by line, and whether callers of the second break.
     #[command(after_help = DIFF_EXAMPLES)]
     Diff(DiffArgs),
@@ -385,6 +395,34 @@ pub(crate) struct WhyArgs {
     /// Text for people, or JSON for programs.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct EditArgs {
+    /// Graph file (.ron).
+    #[arg(value_name = "GRAPH")]
+    pub(crate) graph: PathBuf,
+    /// Give an input a value, in RON: NODE.INPUT=VALUE. Edits are made in the order of this list: set, unset, rename, rename-param, add, remove.
+    #[arg(long, value_name = "NODE.INPUT=VALUE", value_parser = pair)]
+    pub(crate) set: Vec<(String, String)>,
+    /// Take an input away, so that its default counts.
+    #[arg(long, value_name = "NODE.INPUT")]
+    pub(crate) unset: Vec<String>,
+    /// Rename a node, with all that reads it.
+    #[arg(long, value_name = "OLD=NEW", value_parser = pair)]
+    pub(crate) rename: Vec<(String, String)>,
+    /// Rename a parameter, with all that reads it.
+    #[arg(long, value_name = "OLD=NEW", value_parser = pair)]
+    pub(crate) rename_param: Vec<(String, String)>,
+    /// Add a node: NAME=(type: "...", ...).
+    #[arg(long, value_name = "NAME=RECORD", value_parser = pair)]
+    pub(crate) add: Vec<(String, String)>,
+    /// Remove a node that nothing reads.
+    #[arg(long, value_name = "NODE")]
+    pub(crate) remove: Vec<String>,
+    /// Print the result and leave the file alone.
+    #[arg(long)]
+    pub(crate) print: bool,
 }
 
 #[derive(Args, Debug)]

@@ -9,6 +9,7 @@ mod codes;
 mod completions;
 mod console;
 mod diff;
+mod edit;
 mod explain;
 mod fmt;
 mod graph;
@@ -61,6 +62,7 @@ where
         args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Plan(args) => plan::plan(&args, registry, console),
         args::Command::Why(args) => why::why(&args, registry, console),
+        args::Command::Edit(args) => edit::edit(&args, console),
         args::Command::Diff(args) => diff::diff(&args, console),
         args::Command::Whose(args) => whose::whose(&args, registry, console),
         args::Command::Completions(args) => completions::completions(&args, console),

@@ -240,6 +240,19 @@ fn two_graphs_are_compared_by_meaning() {
 }
 
 #[test]
+fn a_graph_is_edited_from_a_script() {
+    let shot = Shot::new(FINE);
+    let (graph, before) = (shot.path("g.ron"), shot.read("g.ron").unwrap());
+    assert_eq!(cli(&["edit", &graph, "--set", "g.gain=3.5", "--rename", "f=first", "--unset", "out.lies"]).code, 2);
+    assert_eq!(shot.read("g.ron").as_ref(), Some(&before), "nothing changed: `out` has no `lies`");
+    let ran = cli(&["edit", &graph, "--set", "g.gain=3.5", "--rename", "f=first"]);
+    assert_eq!((ran.code, ran.err.as_str()), (0, ""));
+    let expected = before.replace("2.0", "3.5").replace("\"f\":", "\"first\":").replace("\"@f\"", "\"@first\"");
+    assert_eq!(shot.read("g.ron"), Some(expected));
+    assert!(cli(&["edit", &graph, "--remove", "first"]).err.contains("which `g` reads"));
+}
+
+#[test]
 fn no_progress_is_silence() {
     let ran = Shot::new(FINE).run(&["--progress", "none"]);
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (0, "", ""));

@@ -11,6 +11,7 @@ pub mod clock;
 pub mod diag;
 pub mod diff;
 pub mod draw;
+pub mod edit;
 pub mod exec;
 pub mod graph;
 pub mod job;
