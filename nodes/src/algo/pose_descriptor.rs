@@ -32,6 +32,14 @@ pub fn length(points: &[[f64; 2]], [from, to]: [usize; 2]) -> f64 {
     libm::hypot(points[to][0] - points[from][0], points[to][1] - points[from][1])
 }
 
+/// How many times as long limbs are in one picture as in another: the median over those that are seen in both. `None` where there are none.
+pub fn size_ratio(points: &[[f64; 2]], other: &[[f64; 2]], limbs: &[[usize; 2]]) -> Option<f64> {
+    let ratio = |limb: &[usize; 2]| length(points, *limb) / length(other, *limb);
+    let mut ratios: Vec<f64> = limbs.iter().map(ratio).filter(|r| *r > 0.0 && r.is_finite()).collect();
+    ratios.sort_by(f64::total_cmp);
+    ratios.get(ratios.len() / 2).copied()
+}
+
 /// Direction of each limb `[parent, child]` (eq. 2), radians, anticlockwise as it is seen, though rows count downwards. NaN where an end is not seen, or
 /// the limb is no longer than `least` pixels: a limb that points at the camera has no direction.
 pub fn angles(points: &[[f64; 2]], limbs: &[[usize; 2]], reference: Reference, least: f64) -> Vec<f64> {
@@ -118,6 +126,15 @@ mod tests {
         assert!(found[0].is_nan() && found[1].is_nan() && found[2] == 0.0);
         assert!(found[3].is_nan(), "what hangs on it has none either");
         assert!(angles(&points, &[[0, 3]], Reference::Absolute, 5.0)[0].is_nan());
+    }
+
+    #[test]
+    fn the_ratio_of_sizes_is_the_median_of_what_is_seen() {
+        let mut larger: Vec<_> = points().iter().map(|p| [10.0 * p[0], 10.0 * p[1] + 7.0]).collect();
+        larger[3][1] += 1e5;
+        assert!((size_ratio(&larger, &points(), &LIMBS).unwrap() - 10.0).abs() < 1e-12, "one stray marker does not tell");
+        assert_eq!(size_ratio(&[[f64::NAN; 2]; 4], &points(), &LIMBS), None);
+        assert_eq!(size_ratio(&points(), &[[1.0; 2]; 4], &LIMBS), None);
     }
 
     #[test]

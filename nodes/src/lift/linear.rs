@@ -5,8 +5,8 @@
 //!
 //! **Source** Jain, Sheikh, Hodgins, *Leveraging the Talent of Hand Animators to Create Three-Dimensional Animation*, 2009, section 3.5, equations 5 to 16.
 //!
-//! **Fails when** the capture is not finite, drawing and capture have no marker in common, or, in perspective, a marker lies behind the camera. With a
-//! hard basis out of few clips, and a style outside them, the result is worse than the capture: make it soft, or leave it out.
+//! **Fails when** the capture is not finite, drawing and capture have no marker in common, either is in another unit (`sizes`), or, in perspective, a marker
+//! lies behind the camera. With a hard basis out of few clips, and a style outside them, the result is worse than the capture: make it soft, or leave it out.
 //!
 //! **Cost** O(frames · rounds · markers), with P directions of a basis times P².
 //!
@@ -21,11 +21,12 @@ use pegbar_engine::node::{Context, In, NodeError, Sequence, Stream, Whole};
 use pegbar_engine::value::{Curve, Value, Vector};
 use pegbar_engine::{Node, Outputs, Setting};
 
-use super::{Limbs, framed};
+use super::{Limbs, Sizes, framed};
 use crate::algo::camera;
 use crate::algo::lift::{BasisMode, Frame, Framing, Lift, LimbRows, Options, Subspace, Tree, Weighting};
 use crate::algo::markers::standard;
 use crate::data::{Basis, Camera, Markers2, Markers3};
+use crate::markers::seen;
 
 /// How limbs keep their lengths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Setting)]
@@ -40,7 +41,7 @@ pub(crate) enum LengthMode {
 #[derive(Node)]
 #[node(
     id = "lift.linear",
-    version = 2,
+    version = 3,
     kind = whole,
     outputs = LiftLinearOutputs,
     source = "Jain, Sheikh, Hodgins 2009, section 3.5, eqs. 5 to 16",
@@ -106,6 +107,9 @@ pub(crate) struct LiftLinear {
     /// The markers that tell the heading, left and right.
     #[input(default = ["left_hip", "right_hip"])]
     hips: Vec<String>,
+    /// What is made of a capture whose longest limb is not 2 cm to 5 m, and of limbs drawn more than three times longer or shorter than it has them.
+    #[input(default = checked)]
+    sizes: Sizes,
 }
 
 /// The figure.
@@ -142,12 +146,15 @@ impl LiftLinear {
         }
     }
 
-    fn tree(&self, names: &[String], n: usize) -> Result<Tree, NodeError> {
-        let limbs = match &self.limbs {
-            Some(limbs) => limbs.find(names, "limbs")?,
-            None => standard::limbs(names),
-        };
-        Tree::new(n, &limbs).ok_or_else(|| NodeError::input("limbs: expected two different markers for each, found one"))
+    fn pairs(&self, names: &[String]) -> Result<Vec<[usize; 2]>, NodeError> {
+        match &self.limbs {
+            Some(limbs) => limbs.find(names, "limbs"),
+            None => Ok(standard::limbs(names)),
+        }
+    }
+
+    fn tree(limbs: &[[usize; 2]], n: usize) -> Result<Tree, NodeError> {
+        Tree::new(n, limbs).ok_or_else(|| NodeError::input("limbs: expected two different markers for each, found one"))
     }
 
     fn subspace(&self, prior: &Markers3) -> Result<Option<Subspace>, NodeError> {
@@ -162,7 +169,7 @@ impl LiftLinear {
         Ok(Some(Subspace::placed(&basis.mean, &components, self.framing, &stand)))
     }
 
-    fn frame(&self, k: usize, names: &[String]) -> Result<Frame, NodeError> {
+    fn frame(&self, k: usize, names: &[String], limbs: &[[usize; 2]]) -> Result<Frame, NodeError> {
         let (drawn, prior) = (at(&self.markers, k)?, at(&self.prior, k)?);
         if prior.names != names {
             return Err(NodeError::input("prior: expected the same markers as at the first frame, found others"));
@@ -177,11 +184,15 @@ impl LiftLinear {
                 error.help(format!("the capture's are {}", names.iter().take(40).map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ")))
             );
         }
+        let camera = camera::Camera::try_from(&*at(&self.camera, k)?).map_err(|e| NodeError::input(format!("camera: {e}")))?;
+        let seen: Vec<[f64; 2]> = prior.points.iter().map(|p| seen(&camera, *p)).collect();
+        self.sizes.expect_metres(&prior.points, limbs)?;
+        self.sizes.expect_alike(&markers, &seen, limbs)?;
         Ok(Frame {
             markers,
             prior: prior.points.iter().copied().map(Vector3::from).collect(),
             lengths: self.lengths.as_ref().map(|l| at(l, k).map(|v| v.values.clone())).transpose()?,
-            camera: camera::Camera::try_from(&*at(&self.camera, k)?).map_err(|e| NodeError::input(format!("camera: {e}")))?,
+            camera,
             subspace: self.subspace(&prior)?,
         })
     }
@@ -193,8 +204,9 @@ impl Whole for LiftLinear {
         let first = cx.clock.first;
         let located = |k: usize| move |e: NodeError| NodeError { message: format!("frame {}: {}", first + k as i64, e.message), ..e };
         let names = at(&self.prior, 0)?.names.clone();
-        let tree = self.tree(&names, at(&self.prior, 0)?.points.len())?;
-        let frames = (0..n).map(|k| self.frame(k, &names).map_err(located(k))).collect::<Result<Vec<_>, _>>()?;
+        let limbs = self.pairs(&names)?;
+        let tree = Self::tree(&limbs, at(&self.prior, 0)?.points.len())?;
+        let frames = (0..n).map(|k| self.frame(k, &names, &limbs).map_err(located(k))).collect::<Result<Vec<_>, _>>()?;
         cx.check()?;
         let lift = Lift { tree: &tree, options: self.options(), basis_mode: self.basis_mode };
         let mut lifted = lift.run(&frames).map_err(|(k, e)| located(k)(NodeError::input(e.to_string())))?;

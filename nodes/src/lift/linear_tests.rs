@@ -1,7 +1,7 @@
 use pegbar_engine::node::{Cancel, Context, NodeError, Sequence, Whole};
 use pegbar_engine::value::Value;
 
-use super::{LengthMode, LiftLinear, LiftLinearOutputs};
+use super::{LengthMode, LiftLinear, LiftLinearOutputs, Sizes};
 use crate::algo::camera::{Camera, Orbit, orthographic};
 use crate::algo::lift::{BasisMode, Framing, LimbRows, Weighting};
 use crate::counted::{clock, counted};
@@ -59,6 +59,7 @@ fn node(markers: Sequence<Markers2>, prior: Sequence<Markers3>) -> LiftLinear {
         framing: Framing::Heading,
         root: "pelvis".to_owned(),
         hips: vec!["left_hip".to_owned(), "right_hip".to_owned()],
+        sizes: Sizes::Checked,
     }
 }
 
@@ -92,4 +93,18 @@ fn what_cannot_be_lifted_is_told_by_frame() {
     let others = |_| Markers2 { points: vec![[0.0; 2]], names: vec!["tail".to_owned()] };
     let error = run(node(stream(others), stream(pose))).err().unwrap();
     assert_eq!(error.message, "frame 1: markers: expected some of those of `prior` by name, found none");
+}
+
+#[test]
+fn other_units_are_told_by_frame() {
+    let larger = |by: f64| move |k: usize| Markers2 { points: drawing(k).points.iter().map(|p| p.map(|c| by * c)).collect(), ..drawing(k) };
+    let error = run(node(stream(larger(10.0)), stream(pose))).err().unwrap();
+    let expected = "frame 1: expected limbs drawn about as long as the camera sees the capture's, found them 10.000 times as long";
+    assert!(error.message.starts_with(expected) && error.help.is_some(), "{}", error.message);
+    assert!(run(LiftLinear { sizes: Sizes::Any, ..node(stream(larger(10.0)), stream(pose)) }).is_ok());
+    assert!(run(node(stream(larger(0.5)), stream(pose))).is_ok(), "a small figure is drawn on purpose");
+    let centimetres = |k: usize| Markers3 { points: pose(k).points.iter().map(|p| p.map(|c| 100.0 * c)).collect(), ..pose(k) };
+    let error = run(node(stream(drawing), stream(centimetres))).err().unwrap();
+    assert_eq!(error.message, "frame 1: expected a figure in metres, its longest limb from 0.02 to 5, found 50.9902");
+    assert!(error.help.unwrap().contains("0.01 for centimetres"));
 }

@@ -2,9 +2,11 @@
 
 mod limbs;
 mod linear;
+mod sizes;
 
 pub(crate) use limbs::{Chains, Limbs};
 pub(crate) use linear::LiftLinear;
+pub(crate) use sizes::Sizes;
 
 use nalgebra::Vector3;
 use pegbar_engine::node::NodeError;

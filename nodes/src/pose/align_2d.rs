@@ -5,7 +5,7 @@
 //!
 //! **Source** Jain, Sheikh, Hodgins 2009, section 3.4.
 //!
-//! **Fails when** the two have no marker in common, or names repeat.
+//! **Fails when** the two have no marker in common, names repeat, or one of them is in another unit (`sizes`).
 //!
 //! **Cost** O(markers · chains) a frame.
 //!
@@ -18,13 +18,13 @@ use pegbar_engine::{Node, Outputs};
 
 use crate::algo::align_2d::{Lengths, align_2d};
 use crate::data::Markers2;
-use crate::lift::Chains;
+use crate::lift::{Chains, Sizes};
 
 /// The limbs of capture turned in the picture as those of a drawing.
 #[derive(Node)]
 #[node(
     id = "pose.align_2d",
-    version = 1,
+    version = 2,
     outputs = PoseAlign2dOutputs,
     source = "Jain, Sheikh, Hodgins 2009, section 3.4",
     example = "\"aligned\": (type: \"pose.align_2d\", source: \"@projected\", target: \"@drawn\")"
@@ -49,6 +49,9 @@ pub(crate) struct PoseAlign2d {
     /// How long limbs are in the picture.
     #[input(default = source)]
     lengths: Lengths,
+    /// What is made of limbs that are drawn more than three times longer or shorter than the camera sees the capture's.
+    #[input(default = checked)]
+    sizes: Sizes,
 }
 
 /// The markers.
@@ -70,6 +73,8 @@ impl PerFrame for PoseAlign2d {
             let error = NodeError::input("chains: expected a limb whose markers are in source and target, found none");
             return Err(error.help("markers are found by name: `chains` says which"));
         }
+        let limbs: Vec<[usize; 2]> = chains.iter().flat_map(|c| c.array_windows()).copied().collect();
+        self.sizes.expect_alike(&drawn, &source.points, &limbs)?;
         Ok(PoseAlign2dOutputs {
             markers: Markers2 { points: align_2d(&source.points, &drawn, &chains, self.lengths), names: source.names.clone() },
         })
@@ -93,6 +98,7 @@ mod tests {
             target: In::new(target),
             chains: Chains::parse(chains).unwrap(),
             lengths: Lengths::Source,
+            sizes: Sizes::Any,
         };
         let clock = clock(1);
         node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() }).map(|o| o.markers.points)
@@ -106,5 +112,25 @@ mod tests {
         assert_eq!(found, [[0.0, 0.0], [0.0, -4.0], [6.0, 0.0], [1.0, 3.0]]);
         let error = run(source, target, r#"[["pelvis", "spine"]]"#).err().unwrap();
         assert_eq!(error.message, "chains: expected a limb whose markers are in source and target, found none");
+    }
+
+    #[test]
+    fn a_drawing_in_another_unit_is_told() {
+        let source = markers(&[("pelvis", [0.0, 0.0]), ("neck", [0.0, -4.0]), ("head", [0.0, -6.0])]);
+        let target = markers(&[("pelvis", [0.0, 0.0]), ("neck", [0.0, -0.04]), ("head", [0.0, -0.06])]);
+        let run = |sizes| {
+            let node = PoseAlign2d {
+                source: In::new(source.clone()),
+                target: In::new(target.clone()),
+                chains: Chains::parse(r#"[["pelvis", "neck", "head"]]"#).unwrap(),
+                lengths: Lengths::Source,
+                sizes,
+            };
+            let clock = clock(1);
+            node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() }).map(|o| o.markers.points)
+        };
+        let error = run(Sizes::Checked).err().unwrap();
+        assert!(error.message.contains("found them 0.010 times as long"), "{}", error.message);
+        assert_eq!(run(Sizes::Any).unwrap(), source.points);
     }
 }
