@@ -92,6 +92,14 @@ impl Walk {
         self.joints.iter().map(|j| places(&self.parents, j, &self.markers)).collect()
     }
 
+    /// The captured pose between frames.
+    fn at_time(&self, at: f64) -> Pose {
+        let (a, b) = (at as usize, (at as usize + 1).min(self.len() - 1));
+        let pose: Vec<Joint> =
+            self.joints[a].iter().zip(&self.joints[b]).map(|(a, b)| crate::algo::take::between(a, b, at.fract())).collect();
+        places(&self.parents, &pose, &self.markers)
+    }
+
     /// Another performance: time bent by a twentieth, and each joint of the upper body turned by up to `style` degrees, smoothly.
     fn performed(&self, style: f64, seed: u64) -> Vec<Pose> {
         let mut rng = Rng(seed);
@@ -159,11 +167,40 @@ fn rms(found: &[Pose], truth: &[Pose], root: usize) -> [f64; 2] {
 struct Measured {
     baseline: [f64; 2],
     lifted: [f64; 2],
+    /// Where legs and depth are the capture's, and all else is the truth: what no lift of the upper body in the picture can better.
+    floor: [f64; 2],
     length_error: f64,
 }
 
 /// The whole of section 3: descriptors, time, alignment, lift.
 fn lift(walk: &Walk, truth: &[Pose], drawn: &[Vec<[f64; 2]>], camera: &Camera, lengths: Lengths, options: Options) -> Measured {
+    lift_smooth(walk, truth, drawn, camera, lengths, options, 0.0)
+}
+
+/// What a pose would be whose upper body is the truth's as the camera sees it.
+fn seen_right(walk: &Walk, prior: &Pose, truth: &Pose, camera: &Camera) -> Pose {
+    let root = walk.at("pelvis");
+    let back = camera.world_from_camera().column(2).xyz().normalize();
+    let legs = ["hip", "knee", "ankle", "toe", "pelvis"];
+    let place = |(m, name): (usize, &&str)| {
+        let (own, right) = (prior[m] - prior[root], truth[m] - truth[root]);
+        let off = right - own;
+        if legs.iter().any(|l| name.contains(l)) { own } else { right - back * back.dot(&off) }
+    };
+    walk.names.iter().enumerate().map(place).collect()
+}
+
+/// As [`lift`], the retime smoothed over so many drawings, between whole frames of capture.
+#[allow(clippy::too_many_arguments, reason = "an experiment")]
+fn lift_smooth(
+    walk: &Walk,
+    truth: &[Pose],
+    drawn: &[Vec<[f64; 2]>],
+    camera: &Camera,
+    lengths: Lengths,
+    options: Options,
+    smooth: f64,
+) -> Measured {
     let capture = walk.capture();
     let limbs: Vec<[usize; 2]> = standard::DESCRIPTOR_LIMBS.iter().map(|(a, b)| [walk.at(a), walk.at(b)]).collect();
     let series = |frames: &[Vec<[f64; 2]>]| {
@@ -172,8 +209,8 @@ fn lift(walk: &Walk, truth: &[Pose], drawn: &[Vec<[f64; 2]>], camera: &Camera, l
     };
     let projected: Vec<Vec<[f64; 2]>> = capture.iter().map(|p| seen(camera, p)).collect();
     let path = dtw(&series(drawn), &series(&projected), Metric::Angle, &crate::algo::dtw::Options::default()).unwrap().path;
-    let map = source_frames(&path, &Drawings::new(drawn.len(), |_| false), &[], 0.0);
-    let retimed: Vec<Pose> = map.iter().map(|f| capture[f.round() as usize].clone()).collect();
+    let map = source_frames(&path, &Drawings::new(drawn.len(), |_| false), &[], smooth);
+    let retimed: Vec<Pose> = map.iter().map(|f| walk.at_time(if smooth > 0.0 { *f } else { f.round() })).collect();
     let chain = |names: &[&str]| names.iter().filter_map(|n| walk.names.iter().position(|m| m == n)).collect::<Vec<_>>();
     let arm = |side: &str| {
         let own = ["clavicle", "shoulder", "elbow", "wrist", "hand_tip"].map(|j| format!("{side}_{j}"));
@@ -191,7 +228,8 @@ fn lift(walk: &Walk, truth: &[Pose], drawn: &[Vec<[f64; 2]>], camera: &Camera, l
     let length_error = lifted.iter().map(|l| l.length_error).fold(0.0, f64::max);
     let lifted: Vec<Pose> = lifted.into_iter().map(|l| l.markers).collect();
     let root = walk.at("pelvis");
-    Measured { baseline: rms(&retimed, truth, root), lifted: rms(&lifted, truth, root), length_error }
+    let floor: Vec<Pose> = retimed.iter().zip(truth).map(|(p, t)| seen_right(walk, p, t, camera)).collect();
+    Measured { floor: rms(&floor, truth, root), baseline: rms(&retimed, truth, root), lifted: rms(&lifted, truth, root), length_error }
 }
 
 /// Each walk, style, and view, from the side and thirty degrees off it: walk, style, view, truth, drawing, and camera.
@@ -284,9 +322,21 @@ fn table_1() {
                 paper[0] / 0.0062,
                 paper[1] / 0.0257
             );
+            if off == [0.0, 0.0] {
+                let beyond = lift_smooth(walk, truth, drawn, camera, Lengths::Target, Options::PAPER, 2.0);
+                let [mean, max] = share(&beyond);
+                let floor = [0, 1].map(|k| beyond.floor[k] / beyond.baseline[k]);
+                println!(
+                    "limbs as drawn, time smoothed over 2: {:.4} {:.4}  {mean:.2} {max:.2}  at best {:.2} {:.2}",
+                    beyond.baseline[0], beyond.lifted[0], floor[0], floor[1]
+                );
+                assert!(mean <= 0.8 && mean < floor[0] + 0.08, "{} {style} {yaw}: {mean} {floor:?}", walk.name);
+                assert!(max < 1.0 || floor[1] > 0.97, "{} {style} {yaw}: {max} {floor:?}", walk.name);
+            }
             // From the very side the depth of a hand, which no drawing tells, may be the largest of all, and stays as it is.
             assert!(off != [0.0, 0.0] || max < 1.005, "{} {style} {yaw}: {max}", walk.name);
-            // On the second passage of the eight a fifth is not quite won: what is left is mostly the time map's, which no lift changes.
+            // On the second passage of the eight a fifth is not quite won: whole frames of time cost that much, even those of the truth (.82), and limbs as
+            // long as they were captured.
             let best = if walk.len() == 122 { 0.85 } else { 0.8 };
             let limit = match off {
                 [0.0, 0.0] => best,
