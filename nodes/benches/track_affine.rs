@@ -1,12 +1,15 @@
 //! Time a frame of the affine tracker, one thread: a textured region of a fifth of the frame's width on a moving path, grey, 640x480 and
-//! 1920x1080, with the motion of the frame before known ("ones") and not ("jump": 24 px at 640x480, found by the search).
+//! 1920x1080, with the motion of the frame before known ("ones") and not ("jump": 24 px at 640x480, found by the search). And the same frames, the
+//! same region, with a space of ten components besides ("eigen").
 
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::{Matrix2, Vector2};
 use pegbar_nodes::algo::raster::{Affine, Raster, apply, identity, invert};
+use pegbar_nodes::algo::track_affine::eigen::{EigenOptions, EigenStart, EigenTemplate, Pictures};
 use pegbar_nodes::algo::track_affine::{Options, Region, Start, Template, Tone};
+use pegbar_nodes::algo::window::Window;
 
 /// The frame's size and the radius of the region, in pixels.
 struct Scene {
@@ -56,6 +59,34 @@ fn texture(u: f64, v: f64) -> f64 {
         - 0.1 * blob(-0.5, -0.5, 0.15)
 }
 
+/// Smooth patterns over the pictures of a space, of length one: waves across and down.
+fn patterns(width: usize, height: usize) -> Vec<f64> {
+    let waves = [(1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (2, 2), (3, 0), (0, 3)];
+    let wave = |n: i32, i: usize, of: usize| libm::cos(std::f64::consts::PI * f64::from(n) * (i as f64 + 0.5) / of as f64);
+    let pattern = |(a, b): &(i32, i32)| {
+        let all: Vec<f64> = (0..width * height).map(|i| wave(*a, i % width, width) * wave(*b, i / width, height)).collect();
+        let length = libm::sqrt(all.iter().map(|v| v * v).sum());
+        all.into_iter().map(move |v| v / length)
+    };
+    waves.iter().flat_map(pattern).collect()
+}
+
+/// The space of a region of a frame (left, top, columns, rows) and ten patterns that change it by a twentieth.
+fn space(frame: &Raster, [x, y, width, height]: [usize; 4], options: &Options) -> Option<EigenTemplate> {
+    let mean: Vec<f64> = (y..y + height).flat_map(|j| frame.row(j)[x..x + width].iter().map(|v| f64::from(*v))).collect();
+    let pictures = Pictures {
+        mean: &mean,
+        components: &patterns(width, height),
+        variances: &[0.0025 * (width * height) as f64; 10],
+        examples: &[],
+        window: Window { x: x as i64, y: y as i64, width, height },
+        channels: 1,
+        alpha: None,
+        tone: Tone::Linear,
+    };
+    EigenTemplate::new(&pictures, options, &EigenOptions::default()).ok()
+}
+
 fn track(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("track_affine");
     for scene in [Scene { width: 640, height: 480, radius: 85.0 }, Scene { width: 1920, height: 1080, radius: 191.25 }] {
@@ -72,6 +103,10 @@ fn track(criterion: &mut Criterion) {
         for (name, start) in [("ones", ones), ("jump", jump)] {
             group.bench_function(BenchmarkId::new(name, &size), |b| b.iter(|| template.track(black_box(rasters[1]), None, &start)));
         }
+        let [x, y, side] = [c.x - h, c.y - h, 2.0 * h].map(|v| libm::round(v) as usize);
+        let Some(space) = space(&rasters[0], [x, y, side, side], &Options { cut: 2.0, ..options }) else { continue };
+        let start = EigenStart { last: scene.motion(1.0), before: Some(identity()), coefficients: vec![0.0; 10] };
+        group.bench_function(BenchmarkId::new("eigen", &size), |b| b.iter(|| space.track(black_box(rasters[1]), None, &start)));
     }
     group.finish();
 }

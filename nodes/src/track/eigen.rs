@@ -38,7 +38,7 @@ use crate::render::{Pen, blank};
 #[derive(Node)]
 #[node(
     id = "track.eigen",
-    version = 3,
+    version = 4,
     kind = recurrent,
     outputs = TrackEigenOutputs,
     source = "Bregler, Loeb, Chuang, Deshpande 2002, eqs. 14, 15; Black, Jepson 1998",

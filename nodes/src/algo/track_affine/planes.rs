@@ -2,6 +2,7 @@
 
 use multiversion::multiversion;
 
+use super::level::LANES;
 use super::options::Tone;
 use crate::algo::raster::Raster;
 
@@ -59,6 +60,17 @@ pub(super) struct Key<'a> {
     pub(super) premultiplied: bool,
 }
 
+impl Key<'_> {
+    /// The matte of `n` pixels of a picture `width` wide.
+    fn row(&self, y: usize, x0: usize, width: usize, n: usize) -> &[f32] {
+        &self.matte[y * width + x0..][..n]
+    }
+
+    fn behind(&self, channel: usize) -> f32 {
+        self.behind.get(channel).copied().unwrap_or(0.0)
+    }
+}
+
 /// Largest magnitude kept: the largest half float. Larger values, infinities and not-a-numbers become zero.
 const LARGEST: f32 = 65504.0;
 /// Offset of the encoding curve: its slope at black, 1 / (2 sqrt(0.0016)) = 12.5, is close to that of sRGB (12.92).
@@ -78,98 +90,127 @@ pub(crate) fn toned(x: f32, tone: Tone) -> f32 {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn tone_row(out: &mut [f32], row: &[f32], stride: usize, encoded: bool) {
-    if stride == 1 {
-        if encoded {
-            out.iter_mut().zip(row).for_each(|(o, &x)| *o = toned(x, Tone::Encoded));
-        } else {
-            out.iter_mut().zip(row).for_each(|(o, &x)| *o = toned(x, Tone::Linear));
+/// Calls `put` with each output sample, its pixel and its place in the row, pixels being `N` samples each.
+#[inline(always)]
+fn each_pixel<const N: usize>(out: &mut [f32], row: &[f32], put: impl Fn(&mut f32, &[f32; N], usize)) {
+    out.iter_mut().zip(row.as_chunks::<N>().0).enumerate().for_each(|(i, (o, px))| put(o, px, i));
+}
+
+/// The sample whose tone is `v`.
+pub(super) fn untoned(v: f32, tone: Tone) -> f32 {
+    match tone {
+        Tone::Linear => v,
+        Tone::Encoded => {
+            let root = v.abs() + TOE_ROOT;
+            (root * root - TOE).copysign(v)
         }
-        return;
     }
+}
+
+/// Channel `c` of a row of pixels of `stride` samples, toned.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn tone_row(out: &mut [f32], row: &[f32], [stride, c]: [usize; 2], encoded: bool) {
     let tone = if encoded { Tone::Encoded } else { Tone::Linear };
-    for (o, px) in out.iter_mut().zip(row.chunks(stride)) {
-        *o = toned(px[0], tone);
+    match stride {
+        1 => each_pixel::<1>(out, row, |o, px, _| *o = toned(px[0], tone)),
+        3 => each_pixel::<3>(out, row, |o, px, _| *o = toned(px[c.min(2)], tone)),
+        4 => each_pixel::<4>(out, row, |o, px, _| *o = toned(px[c.min(3)], tone)),
+        _ => out.iter_mut().zip(row.chunks_exact(stride)).for_each(|(o, px)| *o = toned(px[c], tone)),
     }
 }
 
-/// Calls `fill` with each output row and its source row (clamped to the picture), then repeats the edge columns.
-fn fill_rows(window: Window, width: usize, height: usize, mut fill: impl FnMut(&mut [f32], usize, usize)) -> Vec<f32> {
-    let (w, h) = ((window.x1 - window.x0) as usize, (window.y1 - window.y0) as usize);
-    let mut plane = vec![0.0f32; w * h];
-    // `aligned` gives 0 <= x0 < width, so at least one column comes from the picture.
-    let x0 = (window.x0.max(0) as usize).min(width.saturating_sub(1));
-    let n = w.min(width - x0);
-    for (j, out) in plane.chunks_exact_mut(w).enumerate() {
-        let y = (window.y0.max(0) as usize + j).min(height.saturating_sub(1));
-        fill(&mut out[..n], x0, y);
-        let edge = out[n - 1];
-        out[n..].fill(edge);
+/// Pixels of a key that are passed over together where none of them is covered.
+const RUN: usize = 64;
+
+/// Channel `c` of a row under a premultiplied key, as if no pixel were covered in part; `behind` is the colour behind.
+fn key_row(out: &mut [f32], row: &[f32], [stride, c]: [usize; 2], matte: &[f32], behind: f32, tone: Tone) {
+    let free = toned(0.0, tone) + behind;
+    for ((out, row), matte) in out.chunks_mut(RUN).zip(row.chunks(RUN * stride)).zip(matte.chunks(RUN)) {
+        if matte.iter().fold(false, |any, m| any | (*m > 0.0)) {
+            key_run(out, row, [stride, c], matte, behind, tone == Tone::Encoded);
+        } else {
+            out.fill(free);
+        }
     }
-    plane
 }
 
-/// The channels `channels` of `picture` inside `window` (already aligned), toned, keyed where a key is given. O(pixels).
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn key_run(out: &mut [f32], row: &[f32], [stride, c]: [usize; 2], matte: &[f32], behind: f32, encoded: bool) {
+    let tone = if encoded { Tone::Encoded } else { Tone::Linear };
+    let keyed = |v: f32, m: f32| toned(unit(m) * v, tone) + (1.0 - unit(m)) * behind;
+    match stride {
+        3 => each_pixel::<3>(out, row, |o, px, i| *o = keyed(px[c.min(2)], matte[i])),
+        4 => each_pixel::<4>(out, row, |o, px, i| *o = keyed(px[c.min(3)], matte[i])),
+        _ => out.iter_mut().zip(row.chunks_exact(stride)).zip(matte).for_each(|((o, px), &m)| *o = keyed(px[c], m)),
+    }
+}
+
+/// The channels `channels` of `picture` inside `window` (already aligned), toned, keyed where a key is given; beyond the picture its edge is repeated. O(pixels).
 pub(super) fn crop(picture: Raster, channels: &[usize], window: Window, tone: Tone, key: Option<&Key>) -> Planes {
     let (pw, ph, stride) = (picture.width, picture.height, picture.channels);
-    let mut data = Vec::with_capacity(channels.len() + 1);
-    for &c in channels {
-        data.push(fill_rows(window, pw, ph, |out, x0, y| {
-            let row = &picture.row(y)[x0 * stride + c..];
-            if let Some(key) = key.filter(|k| k.premultiplied) {
-                let behind = key.behind.get(c).copied().unwrap_or(0.0);
-                let matte = &key.matte[y * pw + x0..y * pw + x0 + out.len()];
-                key_row(out, row, stride, matte, [behind, f32::from(u8::from(tone == Tone::Encoded))]);
-                for (i, (o, &m)) in out.iter_mut().zip(matte).enumerate().filter(|(_, (_, m))| **m > 0.0 && **m < 1.0) {
-                    *o = toned(covered(&picture, key.matte, c, [x0 + i, y], m), tone) + (1.0 - m) * behind;
-                }
-                return;
-            }
-            tone_row(out, row, stride, tone == Tone::Encoded);
-            if let Some(key) = key {
-                let behind = key.behind.get(c).copied().unwrap_or(0.0);
-                for (o, &m) in out.iter_mut().zip(&key.matte[y * pw + x0..]) {
-                    *o = behind + unit(m) * (*o - behind);
-                }
-            }
-        }));
-    }
-    if let Some(key) = key {
-        data.push(fill_rows(window, pw, ph, |out, x0, y| {
-            for (o, &m) in out.iter_mut().zip(&key.matte[y * pw + x0..]) {
-                *o = key.amplitude * unit(m);
-            }
-        }));
-    }
     let (width, height) = ((window.x1 - window.x0) as usize, (window.y1 - window.y0) as usize);
+    // `aligned` gives 0 <= x0 < width, so at least one column comes from the picture.
+    let x0 = (window.x0.max(0) as usize).min(pw.saturating_sub(1));
+    let n = width.min(pw - x0);
+    let planes = channels.len() + usize::from(key.is_some());
+    let mut data: Vec<Vec<f32>> = (0..planes).map(|_| vec![0.0; width * height]).collect();
+    let mut own = Vec::new();
+    for j in 0..height {
+        let y = (window.y0.max(0) as usize + j).min(ph.saturating_sub(1));
+        let row = &picture.row(y)[x0 * stride..(x0 + n) * stride];
+        let at = j * width..j * width + n;
+        for (plane, &c) in data.iter_mut().zip(channels) {
+            let out = &mut plane[at.clone()];
+            match key {
+                Some(key) if key.premultiplied => key_row(out, row, [stride, c], key.row(y, x0, pw, n), key.behind(c), tone),
+                _ => tone_row(out, row, [stride, c], tone == Tone::Encoded),
+            }
+        }
+        if let Some(key) = key {
+            let matte = key.row(y, x0, pw, n);
+            let partly = |m: f32| (m > 0.0) & (m < 1.0);
+            let runs =
+                matte.chunks(RUN).enumerate().filter(|(_, run)| key.premultiplied && run.iter().fold(false, |any, m| any | partly(*m)));
+            let rim = runs.flat_map(|(at, run)| (at * RUN..).zip(run)).filter(|(_, m)| partly(**m));
+            for (i, m) in rim {
+                covered(&picture, key.matte, channels, [x0 + i, y], &mut own);
+                for ((plane, &c), v) in data.iter_mut().zip(channels).zip(&own) {
+                    plane[at.start + i] = toned(*v, tone) + (1.0 - m) * key.behind(c);
+                }
+            }
+            for (plane, &c) in data.iter_mut().zip(channels).filter(|_| !key.premultiplied) {
+                let behind = key.behind(c);
+                plane[at.clone()].iter_mut().zip(matte).for_each(|(o, &m)| *o = behind + unit(m) * (*o - behind));
+            }
+            data[channels.len()][at.clone()].iter_mut().zip(matte).for_each(|(o, &m)| *o = key.amplitude * unit(m));
+        }
+        for plane in &mut data {
+            let edge = plane[at.end - 1];
+            plane[at.end..(j + 1) * width].fill(edge);
+        }
+    }
     Planes { width, height, origin: [window.x0 as f64, window.y0 as f64], step: 1.0, data }
 }
 
-/// A row of a premultiplied key as if no pixel were covered in part; `how` is the colour behind, and 1 where tones are encoded.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn key_row(out: &mut [f32], row: &[f32], stride: usize, matte: &[f32], how: [f32; 2]) {
-    let tone = if how[1] > 0.0 { Tone::Encoded } else { Tone::Linear };
-    for ((o, px), &m) in out.iter_mut().zip(row.chunks(stride)).zip(matte) {
-        *o = toned(unit(m) * px[0], tone) + (1.0 - unit(m)) * how[0];
-    }
-}
-
-/// What the layer itself has of a pixel that it covers by `m`: the pixel less its share of the ground, which is taken from the free pixels around it.
+/// What the layer itself has of a pixel that it covers in part, by channel: the pixel less its share of the ground, which is taken from the free pixels around it.
 ///
 /// Where none is free, as in the inside of a soft matte, the pixel is taken to be all the layer's.
-fn covered(picture: &Raster, matte: &[f32], c: usize, [x, y]: [usize; 2], m: f32) -> f32 {
-    let (mut sum, mut n) = (0.0f32, 0.0f32);
+fn covered(picture: &Raster, matte: &[f32], channels: &[usize], [x, y]: [usize; 2], own: &mut Vec<f32>) {
+    own.clear();
+    own.resize(channels.len(), 0.0);
+    let mut n = 0.0f32;
     for v in y.saturating_sub(2)..(y + 3).min(picture.height) {
-        for u in x.saturating_sub(2)..(x + 3).min(picture.width) {
-            if unit(matte[v * picture.width + u]) < FREE {
-                sum += picture.data[(v * picture.width + u) * picture.channels + c];
-                n += 1.0;
-            }
+        let row = v * picture.width + x.saturating_sub(2)..v * picture.width + (x + 3).min(picture.width);
+        let pixels = picture.data[row.start * picture.channels..].chunks_exact(picture.channels);
+        for (_, px) in matte[row].iter().zip(pixels).filter(|(m, _)| unit(**m) < FREE) {
+            own.iter_mut().zip(channels).for_each(|(sum, &c)| *sum += px[c]);
+            n += 1.0;
         }
     }
-    let own = picture.data[(y * picture.width + x) * picture.channels + c];
-    if n > 0.0 { (own - (1.0 - m) * sum / n).max(0.0) } else { m * own }
+    let (m, px) = (matte[y * picture.width + x], &picture.data[(y * picture.width + x) * picture.channels..]);
+    for (own, &c) in own.iter_mut().zip(channels) {
+        *own = if n > 0.0 { (px[c] - (1.0 - m) * *own / n).max(0.0) } else { m * px[c] };
+    }
 }
 
 /// A matte sample cut to 0..=1; not-a-number counts as outside.
@@ -244,36 +285,65 @@ pub(super) fn gaussian_taps(sigma: f64) -> (Vec<f32>, Vec<f32>) {
     (smooth, derive)
 }
 
+/// Most taps of half a kernel: see [`gaussian_taps`].
+const MOST_TAPS: usize = 25;
+
+/// `out` = the middle samples times the first tap, plus those before and after times the others; a `sign` of -1 takes those before away.
+fn filter_lines(out: &mut [f32], mid: &[f32], pairs: &[(&[f32], &[f32])], taps: &[f32], sign: f32) {
+    let Some((three, rest)) = pairs.split_first_chunk::<3>() else {
+        add_pairs(out, Some((mid, taps[0])), [], [], sign);
+        pairs.iter().zip(&taps[1..]).for_each(|(pair, tap)| add_pairs(out, None, [*pair], [*tap], sign));
+        return;
+    };
+    add_pairs(out, Some((mid, taps[0])), *three, [taps[1], taps[2], taps[3]], sign);
+    rest.iter().zip(&taps[4..]).for_each(|(pair, tap)| add_pairs(out, None, [*pair], [*tap], sign));
+}
+
 /// Symmetric (`sign` = 1) or antisymmetric (`sign` = -1) vertical filter of one row; edges repeat.
 fn filter_column(out: &mut [f32], plane: &[f32], w: usize, h: usize, at: (usize, usize), taps: &[f32], sign: f32) {
     let (x0, y) = at;
     let n = out.len();
     let row = |y: usize| &plane[y * w + x0..y * w + x0 + n];
-    let mid = row(y);
-    let first = taps[0];
-    out.iter_mut().zip(mid).for_each(|(o, &v)| *o = first * v);
-    for (i, &t) in taps.iter().enumerate().skip(1) {
-        let (lo, hi) = (row(y.saturating_sub(i)), row((y + i).min(h - 1)));
-        add_pair(out, lo, hi, t, sign);
-    }
-}
-
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn add_pair(out: &mut [f32], lo: &[f32], hi: &[f32], tap: f32, sign: f32) {
-    let n = out.len();
-    let (lo, hi) = (&lo[..n], &hi[..n]);
-    for x in 0..n {
-        out[x] += tap * (hi[x] + sign * lo[x]);
-    }
+    let mut pairs: [(&[f32], &[f32]); MOST_TAPS] = [(&[], &[]); MOST_TAPS];
+    let rest = taps.len() - 1;
+    pairs[..rest].iter_mut().enumerate().for_each(|(i, p)| *p = (row(y.saturating_sub(i + 1)), row((y + i + 1).min(h - 1))));
+    filter_lines(out, row(y), &pairs[..rest], taps, sign);
 }
 
 /// Horizontal filter of a row that has `taps.len() - 1` samples of apron on either side.
 fn filter_row(out: &mut [f32], line: &[f32], taps: &[f32], sign: f32) {
     let (n, r) = (out.len(), taps.len() - 1);
-    let first = taps[0];
-    out.iter_mut().zip(&line[r..]).for_each(|(o, &v)| *o = first * v);
-    for (i, &t) in taps.iter().enumerate().skip(1) {
-        add_pair(out, &line[r - i..r - i + n], &line[r + i..r + i + n], t, sign);
+    let mut pairs: [(&[f32], &[f32]); MOST_TAPS] = [(&[], &[]); MOST_TAPS];
+    pairs[..r].iter_mut().enumerate().for_each(|(i, p)| *p = (&line[r - i - 1..][..n], &line[r + i + 1..][..n]));
+    filter_lines(out, &line[r..], &pairs[..r], taps, sign);
+}
+
+/// Adds pairs of samples times their taps to `mid` times its own, or to what is there.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
+fn add_pairs<const N: usize>(out: &mut [f32], mid: Option<(&[f32], f32)>, pairs: [(&[f32], &[f32]); N], taps: [f32; N], sign: f32) {
+    let n = out.len();
+    let pairs = pairs.map(|(lo, hi)| (&lo[..n], &hi[..n]));
+    let mut x = 0;
+    // Whole chunks stay in registers.
+    while x + LANES <= n {
+        let mut sum = [0.0f32; LANES];
+        match mid {
+            Some((mid, tap)) => {
+                let mid = &mid[x..x + LANES];
+                (0..LANES).for_each(|k| sum[k] = tap * mid[k]);
+            }
+            None => sum.copy_from_slice(&out[x..x + LANES]),
+        }
+        for ((lo, hi), tap) in pairs.iter().zip(taps) {
+            let (lo, hi) = (&lo[x..x + LANES], &hi[x..x + LANES]);
+            (0..LANES).for_each(|k| sum[k] += tap * (hi[k] + sign * lo[k]));
+        }
+        out[x..x + LANES].copy_from_slice(&sum);
+        x += LANES;
+    }
+    for i in x..n {
+        let start = mid.map_or(out[i], |(mid, tap)| tap * mid[i]);
+        out[i] = pairs.iter().zip(taps).fold(start, |sum, ((lo, hi), tap)| sum + tap * (hi[i] + sign * lo[i]));
     }
 }
 

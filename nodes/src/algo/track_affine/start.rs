@@ -26,6 +26,8 @@ impl Moments {
 
 /// Side of the cells that a matte is summed over before its moments are taken.
 const CELL: usize = 4;
+/// Cells that are passed over together where nothing is in them.
+const RUN: usize = 16;
 /// Squared Mahalanobis distance beyond which a cell counts as a stray speck: a uniform disc ends at 4.
 const STRAY: f64 = 9.0;
 
@@ -39,7 +41,9 @@ pub(super) fn moments(matte: &[f32], width: usize) -> Option<Moments> {
     for (band, rows) in matte.chunks(width * CELL).enumerate() {
         let mut sums = vec![[0.0f32; 3]; cols];
         for (j, row) in rows.chunks_exact(width).enumerate() {
-            for (cell, px) in sums.iter_mut().zip(row.chunks(CELL)) {
+            // Most of a picture is not the character.
+            let runs = sums.chunks_mut(RUN).zip(row.chunks(RUN * CELL)).filter(|(_, px)| px.iter().fold(false, |any, m| any | (*m > 0.0)));
+            for (cell, px) in runs.flat_map(|(cells, row)| cells.iter_mut().zip(row.chunks(CELL))) {
                 for (i, &m) in px.iter().enumerate() {
                     let m = unit(m);
                     cell[0] += m;

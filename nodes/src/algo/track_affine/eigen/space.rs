@@ -1,5 +1,7 @@
 //! One pyramid level of a space of pictures: the mean, what each component adds to it, and the sums of a joint step.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector, Vector6};
 
@@ -103,13 +105,28 @@ impl Space {
             p.clear();
             p.extend(r.iter().zip(&scratch.robust).map(|(r, w)| r * w));
         }
-        let mut out = DVector::zeros(self.parts.len());
-        for (o, part) in out.iter_mut().zip(&self.parts) {
-            for (p, e) in pulled.iter().zip(&part[0]) {
-                *o += p.chunks(BLOCK).zip(e.chunks(BLOCK)).map(|(p, e)| f64::from(dot(p, e))).sum::<f64>();
+        let (n, pixels) = (self.parts.len(), scratch.robust.len());
+        let mut out = DVector::zeros(n);
+        for start in (0..pixels).step_by(BLOCK) {
+            let r = start..pixels.min(start + BLOCK);
+            for l in (0..n).step_by(4) {
+                let sums = self.with_four(l, n - 1, pulled.iter().map(|p| &p[r.clone()]), r.clone());
+                (l..n.min(l + 4)).for_each(|k| out[k] += sums[k - l]);
             }
         }
         out
+    }
+
+    /// Inner products of some pixels, a row a channel, with the components from `l` on, at most the one of number `last`. Four at a time, so that what they are
+    /// multiplied with is read once for them.
+    fn with_four<'a>(&self, l: usize, last: usize, pixels: impl Iterator<Item = &'a [f32]>, r: Range<usize>) -> [f64; 4] {
+        let four = [0, 1, 2, 3].map(|k| &self.parts[(l + k).min(last)][0]);
+        let mut sums = [0.0; 4];
+        for (c, p) in pixels.enumerate() {
+            let products = dots(p, four.map(|e| &e[c][r.clone()]));
+            sums.iter_mut().zip(products).for_each(|(s, p)| *s += f64::from(p));
+        }
+        sums
     }
 
     /// The components' share of the Gauss-Newton matrix under the robust weights, the slopes being those of `level`.
@@ -125,14 +142,7 @@ impl Space {
                     to.extend(e[r.clone()].iter().zip(&scratch.robust[r.clone()]).map(|(e, w)| e * w));
                 }
                 for m in (0..=l).step_by(4) {
-                    // Four at a time: what is weighed is read once for them.
-                    let of = |k: usize| &self.parts[(m + k).min(l)][0];
-                    let four = [of(0), of(1), of(2), of(3)];
-                    let mut sums = [0.0; 4];
-                    for (c, w) in weighed.iter().enumerate() {
-                        let products = dots(w, four.map(|e| &e[c][r.clone()]));
-                        sums.iter_mut().zip(products).for_each(|(s, p)| *s += f64::from(p));
-                    }
+                    let sums = self.with_four(m, l, weighed.iter().map(Vec::as_slice), r.clone());
                     (m..=l.min(m + 3)).for_each(|k| found.own[(l, k)] += sums[k - m]);
                 }
                 found.cross[l] += self.cross(level, &weighed, r.clone());
@@ -143,18 +153,9 @@ impl Space {
     }
 
     /// Sums of a weighted component with the six steepest descent pictures, over some pixels.
-    fn cross(&self, level: &Level, weighed: &[Vec<f32>], r: std::ops::Range<usize>) -> Vector6<f64> {
-        let mut pulls = [[0.0f32; BLOCK]; 2];
-        for (axis, pull) in pulls.iter_mut().enumerate() {
-            for (w, g) in weighed.iter().zip(&level.looks[axis + 1]) {
-                add_product(&mut pull[..r.len()], w, &g[r.clone()]);
-            }
-        }
-        let [u, v] = pulls.each_ref().map(|p| &p[..r.len()]);
-        let [x, y] = self.at.each_ref().map(|c| &c[r.clone()]);
-        let sum = |p: &[f32]| p.iter().map(|v| f64::from(*v)).sum::<f64>();
-        let with = |p: &[f32], c: &[f32]| f64::from(dot(p, c));
-        Vector6::new(with(u, x), with(u, y), with(v, x), with(v, y), sum(u), sum(v))
+    fn cross(&self, level: &Level, weighed: &[Vec<f32>], r: Range<usize>) -> Vector6<f64> {
+        let at = self.at.each_ref().map(|c| &c[r.clone()]);
+        Vector6::from(cross(weighed, &level.looks[1], &level.looks[2], at, r.start).map(f64::from))
     }
 }
 
@@ -223,33 +224,50 @@ fn telling(interest: &[f32], weight: &[f32], width: usize, most: usize) -> (Vec<
     (spans, libm::sqrt(stands_for))
 }
 
-/// `out` = `mean` + the parts times their coefficients.
+/// `out` = `mean` + the parts times their coefficients, four at a time.
 fn blend<'a>(out: &mut [f32], mean: &[f32], coefficients: &[f64], part: impl Fn(usize) -> &'a Vec<f32>) {
+    let last = coefficients.len().saturating_sub(1);
     for start in (0..out.len()).step_by(BLOCK) {
         let r = start..out.len().min(start + BLOCK);
         out[r.clone()].copy_from_slice(&mean[r.clone()]);
-        for (l, c) in coefficients.iter().enumerate().filter(|(_, c)| **c != 0.0) {
-            add_scaled(&mut out[r.clone()], &part(l)[r.clone()], *c as f32);
+        for l in (0..coefficients.len()).step_by(4) {
+            let gains = [0, 1, 2, 3].map(|k| coefficients.get(l + k).map_or(0.0, |c| *c as f32));
+            add_scaled(&mut out[r.clone()], [0, 1, 2, 3].map(|k| &part((l + k).min(last))[r.clone()]), gains);
         }
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn add_scaled(to: &mut [f32], from: &[f32], gain: f32) {
+fn add_scaled(to: &mut [f32], from: [&[f32]; 4], gains: [f32; 4]) {
     let n = to.len();
-    let from = &from[..n];
+    let [a, b, c, d] = from.map(|f| &f[..n]);
     for i in 0..n {
-        to[i] += gain * from[i];
+        to[i] = to[i] + gains[0] * a[i] + gains[1] * b[i] + gains[2] * c[i] + gains[3] * d[i];
     }
 }
 
+/// Sums of a picture with the six steepest descent pictures, which are the slopes `gx` and `gy` times the coordinates `at` or one, from pixel `start` on.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn add_product(to: &mut [f32], a: &[f32], b: &[f32]) {
-    let n = to.len();
-    let (a, b) = (&a[..n], &b[..n]);
-    for i in 0..n {
-        to[i] += a[i] * b[i];
+fn cross(picture: &[Vec<f32>], gx: &[Vec<f32>], gy: &[Vec<f32>], at: [&[f32]; 2], start: usize) -> [f32; 6] {
+    let mut acc = [[0.0f32; LANES]; 6];
+    let [across, down] = at;
+    for (chunk, (x, y)) in across.as_chunks::<LANES>().0.iter().zip(down.as_chunks::<LANES>().0).enumerate() {
+        let (mut u, mut v) = ([0.0f32; LANES], [0.0f32; LANES]);
+        for ((p, gx), gy) in picture.iter().zip(gx).zip(gy) {
+            let (p, r) = (&p[chunk * LANES..][..LANES], start + chunk * LANES..start + (chunk + 1) * LANES);
+            let (gx, gy) = (&gx[r.clone()], &gy[r]);
+            for k in 0..LANES {
+                u[k] += p[k] * gx[k];
+                v[k] += p[k] * gy[k];
+            }
+        }
+        for k in 0..LANES {
+            for (a, s) in acc.iter_mut().zip([u[k] * x[k], u[k] * y[k], v[k] * x[k], v[k] * y[k], u[k], v[k]]) {
+                a[k] += s;
+            }
+        }
     }
+    acc.map(super::super::level::sum_lanes)
 }
 
 /// Inner products of one row of numbers with four, each as many as it, a multiple of the lanes.
@@ -266,18 +284,4 @@ fn dots(a: &[f32], b: [&[f32]; 4]) -> [f32; 4] {
         }
     }
     acc.map(super::super::level::sum_lanes)
-}
-
-/// Inner product of as many numbers each, a multiple of the lanes.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut acc = [[0.0f32; LANES]; 2];
-    for (a, b) in a.chunks(2 * LANES).zip(b.chunks(2 * LANES)) {
-        for ((acc, a), b) in acc.iter_mut().zip(a.chunks_exact(LANES)).zip(b.chunks_exact(LANES)) {
-            (0..LANES).for_each(|k| acc[k] += a[k] * b[k]);
-        }
-    }
-    let [mut sum, other] = acc;
-    (0..LANES).for_each(|k| sum[k] += other[k]);
-    super::super::level::sum_lanes(sum)
 }
