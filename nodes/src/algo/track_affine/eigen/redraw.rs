@@ -9,42 +9,32 @@
 //! the character, so that the true outline counts and not the matte's: its holes and its rim do no harm.
 //!
 //! **Source**: Bregler et al., equation (14); Levenberg-Marquardt after Madsen, Nielsen, Tingleff, "Methods for Non-Linear Least Squares Problems", 2004, section 3.2.
-//! Ground behind the character: pull-push, Gortler et al., "The Lumigraph", SIGGRAPH 1996, section 3.4.1.
+
+mod directions;
+mod ground;
+mod misfit;
+mod poses;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{DMatrix, DVector, Vector2};
 
 use super::super::level::LEAST_SCALE;
-use super::super::planes::Window;
-use super::super::planes::{Planes, gaussian_taps, smoothed, toned};
+use super::super::planes::{Planes, Window, gaussian_taps, smoothed, toned, untoned};
 use super::super::region::{has_finite, window_of};
 use super::super::run::{Cut, View};
 use super::super::solve::{is_sane, project};
-use super::super::start::{Moments, moments, moved_bounds, transport};
-use super::super::{Model, Options, Robust, Status, Tone};
+use super::super::start::moved_bounds;
+use super::super::{Options, Status};
 use super::EigenTrack;
-use crate::algo::raster::{Affine, apply, compose};
-
-/// What draws a character in any mixture of its keys.
-pub trait Drawn {
-    /// Number of keys.
-    fn n_keys(&self) -> usize;
-
-    /// Points of a key, pixels: how far poses lie apart, and where they are.
-    fn key(&self, k: usize) -> &[[f64; 2]];
-
-    /// The keys mixed by these weights, moved by `place` (sample coordinates from pixels of the keys, lines as wide as `line` times
-    /// theirs): RGBA in linear light, premultiplied, rows from the top. `None` where nothing can be drawn.
-    fn draw(&self, weights: &[f64], place: &Affine, line: f64, size: [usize; 2]) -> Option<Vec<f32>>;
-}
-
-/// A motion and the weights of the keys.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DrawnPose {
-    /// Frame from pictures, pixels.
-    pub motion: Affine,
-    /// How much of each key; they add up to 1.
-    pub weights: Vec<f64>,
-}
+use crate::algo::raster::{Affine, compose};
+use directions::Directions;
+use ground::{away_from, fill};
+use misfit::{robust_cost, robust_scale, robust_weight, soft_cost, telling};
+use poses::apart;
+pub(crate) use poses::placed;
+pub use poses::{Drawn, DrawnPose};
+pub(super) use poses::{every_pose, weights_of};
 
 /// Most steps a level, but for the finest, which has twice as many.
 const ROUNDS: usize = 8;
@@ -63,7 +53,7 @@ const SHIFTED: f64 = 0.1;
 /// How far keys are mixed in for theirs: displacement of the point that goes farthest, samples.
 const MIXED: f64 = 0.2;
 /// Mixtures of keys are left alone where keys differ by less along them, root mean square, samples: coarse levels hardly show them.
-const LEAST_AXIS: f64 = 0.25;
+const LEAST_AXIS: f64 = 0.5;
 /// The same at the finest level.
 const LEAST_FINE: f64 = 0.01;
 /// Starts that are refined at the coarsest level.
@@ -72,14 +62,10 @@ const REFINED: usize = 3;
 const COVERED: f32 = 0.02;
 /// Largest weight, and one minus the least.
 const FARTHEST: f64 = 2.0;
-/// So many keys are tried two by two as well.
-const FEW: usize = 8;
 /// A start that costs less is taken without a look at others.
 const FITS: f64 = 0.1;
 /// Relative residual under which no other start is tried.
 const SURE: f64 = 0.4;
-/// Tone scale of costs that are compared between starts.
-const SOFT: f32 = 0.15;
 
 /// A level of the frame that drawings are compared with.
 struct Target {
@@ -122,99 +108,34 @@ struct Step {
     gain: f64,
 }
 
-/// The directions of a step: those of the motion, and mixtures of the keys that no motion makes.
-struct Directions {
-    /// Of the motion: which of the six parameters each moves.
-    motion: Vec<[f64; 6]>,
-    /// Of the pose, each on its own, and each moving the points by one sample, root mean square.
-    mixes: Vec<Mix>,
+/// A step that was taken.
+struct Improved {
+    pose: DrawnPose,
+    /// What the frame would be in this pose.
+    picture: Planes,
+    moved: f64,
+    /// By how much the cost sank with the single step.
+    gained: f64,
 }
 
-/// A change of pose.
-struct Mix {
-    /// What each key gains; nothing in all.
-    weights: Vec<f64>,
-    /// What the six parameters of the motion take back.
-    motion: [f64; 6],
-    /// How far the point moves that goes farthest, samples.
-    farthest: f64,
+/// How much a step is held back.
+struct Damping {
+    by: f64,
+    raise: f64,
 }
 
-impl Directions {
-    /// `place` gives the centred and scaled coordinates of a point of the frame.
-    ///
-    /// Keys differ by what a motion does as well, and by what other keys do: pictures of such differences cancel in part, and what is left of
-    /// them is mostly the error of the differences. So motion is taken out first, and the rest is turned to its principal axes.
-    fn new(drawn: &dyn Drawn, model: Model, pose: &DrawnPose, place: impl Fn([f64; 2]) -> [f64; 2], sample: f64, least: f64) -> Self {
-        let (dx, dy) = ([0.0, 0.0, 0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
-        let mut motion = vec![dx, dy];
-        match model {
-            Model::Translation => {}
-            Model::Rigid => motion.push([0.0, -1.0, 1.0, 0.0, 0.0, 0.0]),
-            Model::Similarity => motion.extend([[0.0, -1.0, 1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0, 0.0, 0.0]]),
-            Model::Affine => motion.extend((0..4).map(|i| std::array::from_fn(|k| f64::from(u8::from(k == i))))),
-        }
-        let mixes = mixes(drawn, &motion, pose, place, sample, least);
-        Self { motion, mixes }
+impl Damping {
+    /// After a step that gained this share of what was to be expected.
+    fn ease(&mut self, share: f64) {
+        let over = 2.0 * share - 1.0;
+        self.by = (self.by * (1.0 - over * over * over).max(1.0 / 3.0)).max(1e-9);
+        self.raise = 2.0;
     }
 
-    fn len(&self) -> usize {
-        self.motion.len() + self.mixes.len()
+    fn raise(&mut self) {
+        self.by *= self.raise;
+        self.raise *= 2.0;
     }
-}
-
-/// The principal axes of what the keys change by beyond `motion`.
-fn mixes(
-    drawn: &dyn Drawn,
-    motion: &[[f64; 6]],
-    pose: &DrawnPose,
-    place: impl Fn([f64; 2]) -> [f64; 2],
-    sample: f64,
-    least: f64,
-) -> Vec<Mix> {
-    let points = placed(drawn, pose);
-    let (n, k, m) = (points.len(), pose.weights.len(), motion.len());
-    let mean = 1.0 / libm::sqrt(n.max(1) as f64);
-    let mut fields = DMatrix::zeros(2 * n, m);
-    for (i, p) in points.iter().enumerate() {
-        let [u, v] = place(*p);
-        for (j, d) in motion.iter().enumerate() {
-            fields[(2 * i, j)] = mean * (d[0] * u + d[1] * v + d[4]);
-            fields[(2 * i + 1, j)] = mean * (d[2] * u + d[3] * v + d[5]);
-        }
-    }
-    // Differences from the pose: what all keys have in common is no change.
-    let linear = pose.motion.fixed_view::<2, 2>(0, 0).into_owned();
-    let changes = DMatrix::from_fn(2 * n, k, |r, j| {
-        let (i, c) = (r / 2, r % 2);
-        let d: [f64; 2] = std::array::from_fn(|c| drawn.key(j)[i][c] - (0..k).map(|l| pose.weights[l] * drawn.key(l)[i][c]).sum::<f64>());
-        mean * (linear[(c, 0)] * d[0] + linear[(c, 1)] * d[1]) / sample
-    });
-    let mut own = fields.transpose() * &fields;
-    let floor = 1e-9 * own.trace();
-    (0..m).for_each(|j| own[(j, j)] += floor);
-    let Some(factor) = nalgebra::Cholesky::new(own) else { return Vec::new() };
-    let taken = factor.solve(&(fields.transpose() * &changes));
-    let rest = &changes - &fields * &taken;
-    // Keys gain what they gain at the cost of the pose as it is: with `pose + e (key - pose)` weights still add up to 1.
-    let Some(axes) = nalgebra::SymmetricEigen::try_new(rest.transpose() * &rest, f64::EPSILON, 1000) else { return Vec::new() };
-    let mut order: Vec<usize> = (0..k).filter(|&j| axes.eigenvalues[j] > (k as f64) * least * least).collect();
-    order.sort_by(|&a, &b| axes.eigenvalues[b].total_cmp(&axes.eigenvalues[a]));
-    let mix = |j: usize| {
-        let gain = 1.0 / libm::sqrt(axes.eigenvalues[j]);
-        let shares: Vec<f64> = (0..k).map(|l| gain * axes.eigenvectors[(l, j)]).collect();
-        let total: f64 = shares.iter().sum();
-        let weights = (0..k).map(|l| shares[l] - total * pose.weights[l]).collect();
-        let mut back = [0.0; 6];
-        for (i, d) in motion.iter().enumerate() {
-            let by: f64 = (0..k).map(|l| shares[l] * taken[(i, l)]).sum();
-            back.iter_mut().zip(d).for_each(|(b, d)| *b -= by * d);
-        }
-        let gone = &rest * axes.eigenvectors.column(j) * (gain / mean);
-        let farthest = gone.as_slice().as_chunks::<2>().0.iter().map(|[x, y]| libm::hypot(*x, *y)).fold(0.0, f64::max);
-        Mix { weights, motion: back, farthest }
-    };
-    order.into_iter().map(mix).collect()
 }
 
 /// A start that was refined at the coarsest level.
@@ -256,31 +177,29 @@ impl Redraw<'_> {
         if !has_finite(self.view.frame, window) {
             return None;
         }
-        let own =
-            |all: &[DrawnPose]| all.iter().map(|p| Candidate { paid: f64::INFINITY, pose: p.clone(), iterations: 0 }).collect::<Vec<_>>();
-        let mut tried = if self.view.matte.is_some() {
-            let target = self.keyed(&keyed[top], &taps);
-            let mut tried = self.choose(&target, starts, &taps);
-            if tried.first().is_none_or(|c| c.paid > FITS) {
-                tried.extend(self.choose(&target, &others(), &taps));
-                tried.sort_by(|a, b| a.paid.total_cmp(&b.paid));
-            }
-            // A matte with holes leads astray: the starts as they are come last.
-            tried.truncate(REFINED);
-            tried
-        } else {
-            Vec::new()
-        };
-        tried.extend(own(starts));
+        let coarse = self.view.matte.is_some().then(|| self.keyed(&keyed[top], &taps));
+        let chosen = |all: &[DrawnPose]| coarse.as_ref().map_or_else(Vec::new, |target| self.choose(target, all, &taps));
         let seen = Seen { window, keyed, plain: self.cut.planes(&View { matte: None, ..self.view }, &motions, margin)?.1 };
         let mut best: Option<(Settled, usize)> = None;
-        for candidate in tried {
-            let mut iterations = before.iterations + candidate.iterations;
-            let Some(settled) = self.descend(&seen, candidate.pose, margin, &taps, &mut iterations) else { continue };
-            if best.as_ref().is_none_or(|b| settled.dissimilarity < b.0.dissimilarity) {
-                best = Some((settled, iterations));
+        let is_sure = |best: &Option<(Settled, usize)>| best.as_ref().is_some_and(|b| b.0.dissimilarity < SURE);
+        // What fits at the coarsest level may be another pose: then every pose is looked at. A matte with holes leads astray: the starts follow as they are.
+        for round in 0..3 {
+            let tried = match round {
+                0 => chosen(starts),
+                1 => chosen(&others()),
+                _ => starts.iter().map(|p| Candidate { paid: f64::INFINITY, pose: p.clone(), iterations: 0 }).collect(),
+            };
+            for candidate in tried {
+                let mut iterations = before.iterations + candidate.iterations;
+                let Some(settled) = self.descend(&seen, candidate.pose, margin, &taps, &mut iterations) else { continue };
+                if best.as_ref().is_none_or(|b| settled.dissimilarity < b.0.dissimilarity) {
+                    best = Some((settled, iterations));
+                }
+                if is_sure(&best) {
+                    break;
+                }
             }
-            if best.as_ref().is_some_and(|b| b.0.dissimilarity < SURE) {
+            if is_sure(&best) {
                 break;
             }
         }
@@ -393,58 +312,36 @@ impl Redraw<'_> {
         let mut picture = self.picture(target, &pose, [0.0; 2], taps)?;
         let tolerance = self.options.tolerance.max(if finest { FINE } else { COARSE } * target.step);
         let most = if finest { self.options.iterations.min(2 * ROUNDS) } else { ROUNDS };
-        let (mut damping, mut raise, mut scale, mut status) = (1e-4, 2.0, 0.0, Status::Unfinished);
+        let least = if finest { LEAST_FINE } else { LEAST_AXIS };
+        let (mut damping, mut scale, mut status) = (Damping { by: 1e-4, raise: 2.0 }, 0.0, Status::Unfinished);
         for _ in 0..most {
             *iterations += 1;
-            let directions = Directions::new(
-                self.drawn,
-                self.options.model,
-                &pose,
-                |p| self.scaled(p),
-                target.step,
-                if finest { LEAST_FINE } else { LEAST_AXIS },
-            );
+            let directions = Directions::new(self.drawn, self.options.model, &pose, |p| self.scaled(p), target.step, least);
             let slopes = self.slopes(target, &pose, &picture, &directions, taps)?;
             let (telling, share) = telling(&slopes, self.pixels);
             scale = robust_scale(&picture, &target.frame, &telling).max(LEAST_SCALE * self.contrast);
             // Hands that are still off are no outliers: nearly all counts.
             let bend = (scale * self.options.cut).max(self.contrast * if finest { NARROW } else { WIDE }) as f32;
             let linear = self.linear(target, &picture, &slopes, &telling, &directions, bend);
-            let cost = |seen: &Planes| robust_cost(seen, &target.frame, bend, self.options.robust);
-            let before = cost(&picture);
             let (mut moved, mut better) = (f64::INFINITY, false);
             for _ in 0..TRIALS {
-                if let Some(step) = self.step(&linear, &directions, &pose, (damping, 1.0), target.step) {
+                if let Some(step) = self.step(&linear, &directions, &pose, (damping.by, 1.0), target.step) {
                     moved = step.moved;
-                    let seen = self.picture(target, &step.pose, [0.0; 2], taps)?;
-                    let after = cost(&seen);
-                    if after <= before {
-                        let start = std::mem::replace(&mut pose, step.pose);
-                        (picture, better) = (seen, true);
-                        // What lies right holds back what does not: twice the step is often nearer.
-                        if let Some(far) =
-                            self.step(&linear, &directions, &start, (damping, 2.0), target.step).filter(|_| moved > tolerance)
-                        {
-                            let seen = self.picture(target, &far.pose, [0.0; 2], taps)?;
-                            if cost(&seen) < after {
-                                (pose, picture, moved) = (far.pose, seen, far.moved);
-                            }
-                        }
-                        // The damping goes by what was gained over what was to be expected.
-                        let over = 2.0 * share * (before - after) / step.gain.max(f64::MIN_POSITIVE) - 1.0;
-                        damping = (damping * (1.0 - over * over * over).max(1.0 / 3.0)).max(1e-9);
-                        raise = 2.0;
+                    // What lies right holds back what does not: twice the step is often nearer.
+                    let far = self.step(&linear, &directions, &pose, (damping.by, 2.0), target.step).filter(|_| moved > tolerance);
+                    let gain = share / step.gain.max(f64::MIN_POSITIVE);
+                    if let Some(found) = self.improved(target, &picture, [Some(step), far], bend, taps)? {
+                        damping.ease(gain * found.gained);
+                        (pose, picture, moved, better) = (found.pose, found.picture, found.moved, true);
                         break;
                     }
                     if moved <= tolerance {
                         break;
                     }
                 }
-                damping *= raise;
-                raise *= 2.0;
+                damping.raise();
             }
-            let still = moved <= tolerance || !better;
-            if still {
+            if moved <= tolerance || !better {
                 // Where no step is better, the pose is at the minimum as far as the samples can say.
                 let near = moved <= tolerance.max(0.1 * target.step);
                 status = if near { Status::Converged } else { Status::Unfinished };
@@ -453,6 +350,29 @@ impl Redraw<'_> {
         }
         let dissimilarity = self.dissimilarity(target, &picture, &pose)?;
         Some(Settled { pose, status, residual: scale, dissimilarity })
+    }
+
+    /// The step, if it is no worse than the `picture` as it is, or the one beyond it where that is better still; `None` outside where nothing can be drawn.
+    fn improved(
+        &self,
+        target: &Target,
+        picture: &Planes,
+        [step, far]: [Option<Step>; 2],
+        bend: f32,
+        taps: &[f32],
+    ) -> Option<Option<Improved>> {
+        let cost = |seen: &Planes| robust_cost(seen, &target.frame, bend, self.options.robust);
+        let Some(step) = step else { return Some(None) };
+        let (before, seen) = (cost(picture), self.picture(target, &step.pose, [0.0; 2], taps)?);
+        let after = cost(&seen);
+        if after > before {
+            return Some(None);
+        }
+        let found = Improved { pose: step.pose, picture: seen, moved: step.moved, gained: before - after };
+        let Some(far) = far else { return Some(Some(found)) };
+        let seen = self.picture(target, &far.pose, [0.0; 2], taps)?;
+        let is_nearer = cost(&seen) < after;
+        Some(Some(if is_nearer { Improved { pose: far.pose, picture: seen, moved: far.moved, ..found } } else { found }))
     }
 
     /// Pictures of what a shift across, down, and a little of each key changes, for one sample or a weight of 1.
@@ -585,183 +505,3 @@ const WHOLE: Window = Window { x0: i64::MIN / 4, y0: i64::MIN / 4, x1: i64::MAX 
 fn blank(like: &Planes) -> Planes {
     Planes { width: like.width, height: like.height, origin: like.origin, step: like.step, data: Vec::new() }
 }
-
-/// The sample whose tone is `v`.
-fn untoned(v: f32, tone: Tone) -> f32 {
-    match tone {
-        Tone::Linear => v,
-        Tone::Encoded => {
-            let root = v.abs() + 0.04;
-            (root * root - 0.0016).copysign(v)
-        }
-    }
-}
-
-fn robust_weight(r: f32, bend: f32, robust: Robust) -> f32 {
-    match robust {
-        Robust::None => 1.0,
-        Robust::Huber => (bend / r.abs().max(f32::MIN_POSITIVE)).min(1.0),
-        Robust::GemanMcclure => {
-            let q = 1.0 + r * r / (bend * bend);
-            1.0 / (q * q)
-        }
-    }
-}
-
-/// Sum of the robust function of the residuals, whose weights are those of [`robust_weight`].
-fn robust_cost(a: &Planes, b: &Planes, bend: f32, robust: Robust) -> f64 {
-    let rho = |r: f32| match robust {
-        Robust::None => r * r,
-        Robust::Huber if r.abs() <= bend => r * r,
-        Robust::Huber => 2.0 * bend * r.abs() - bend * bend,
-        Robust::GemanMcclure => r * r / (1.0 + r * r / (bend * bend)),
-    };
-    let row = |(a, b): (&Vec<f32>, &Vec<f32>)| {
-        let chunks = a.chunks(256).zip(b.chunks(256));
-        chunks.map(|(a, b)| f64::from(a.iter().zip(b).map(|(a, b)| rho(a - b)).sum::<f32>())).sum::<f64>()
-    };
-    a.data.iter().zip(&b.data).map(row).sum()
-}
-
-/// Mean share of misfit of all samples that differ from nothing: 0 fits, 1 is unlike.
-fn soft_cost(a: &Planes, b: &Planes) -> f64 {
-    let n = a.data.iter().map(Vec::len).sum::<usize>().max(1) as f64;
-    let all = a.data.iter().zip(&b.data).flat_map(|(a, b)| a.iter().zip(b));
-    all.map(|(a, b)| (a - b) * (a - b)).map(|s| f64::from(s / (s + SOFT * SOFT))).sum::<f64>() / n
-}
-
-/// Robust standard deviation of the residuals at some samples.
-fn robust_scale(a: &Planes, b: &Planes, at: &[usize]) -> f64 {
-    let mut all: Vec<f32> = a.data.iter().zip(&b.data).flat_map(|(a, b)| at.iter().map(|&i| (a[i] - b[i]).abs())).collect();
-    if all.is_empty() {
-        return 0.0;
-    }
-    let mid = all.len() / 2;
-    let (_, median, _) = all.select_nth_unstable_by(mid, f32::total_cmp);
-    f64::from(*median) / 0.6745
-}
-
-/// The samples where a step changes something, of more than `most` an even choice; and which share of them it is.
-fn telling(slopes: &[Planes], most: usize) -> (Vec<usize>, f64) {
-    let n = slopes.first().and_then(|s| s.data.first()).map_or(0, Vec::len);
-    let mut energy = vec![0.0f32; n];
-    for slope in &slopes[..2.min(slopes.len())] {
-        slope.data.iter().for_each(|p| energy.iter_mut().zip(p).for_each(|(e, v)| *e += v * v));
-    }
-    let peak = energy.iter().fold(0.0f32, |m, v| m.max(*v));
-    let all: Vec<usize> = (0..n).filter(|&i| energy[i] > 1e-3 * peak).collect();
-    let keep = all.len().min(most);
-    ((0..keep).map(|i| all[i * all.len() / keep.max(1)]).collect(), keep as f64 / all.len().max(1) as f64)
-}
-
-/// Where nothing within so many samples is set.
-fn away_from(set: &[bool], w: usize, h: usize, reach: usize) -> Vec<bool> {
-    let mut rows = vec![false; w * h];
-    for y in 0..h {
-        for x in 0..w {
-            rows[y * w + x] = (x.saturating_sub(reach)..(x + reach + 1).min(w)).any(|u| set[y * w + u]);
-        }
-    }
-    let near = |x: usize, y: usize| (y.saturating_sub(reach)..(y + reach + 1).min(h)).any(|v| rows[v * w + x]);
-    (0..w * h).map(|i| !near(i % w, i / w)).collect()
-}
-
-/// Carries what is known over to what is not: means of the known ones in ever larger cells.
-fn fill(planes: &mut [Vec<f32>], known: &[bool], w: usize, h: usize) {
-    if known.iter().all(|k| *k) || w * h <= 1 {
-        return;
-    }
-    let (cw, ch) = (w.div_ceil(2), h.div_ceil(2));
-    let mut count = vec![0.0f32; cw * ch];
-    let mut coarse = vec![vec![0.0f32; cw * ch]; planes.len()];
-    for (i, _) in known.iter().enumerate().filter(|(_, k)| **k) {
-        let cell = (i / w / 2) * cw + i % w / 2;
-        count[cell] += 1.0;
-        coarse.iter_mut().zip(planes.iter()).for_each(|(c, p)| c[cell] += p[i]);
-    }
-    coarse.iter_mut().for_each(|c| c.iter_mut().zip(&count).for_each(|(v, n)| *v /= n.max(1.0)));
-    let some: Vec<bool> = count.iter().map(|n| *n > 0.0).collect();
-    fill(&mut coarse, &some, cw, ch);
-    for (i, _) in known.iter().enumerate().filter(|(_, k)| !**k) {
-        // Between the four nearest cells: three quarters of the own one each way.
-        let (x, y) = (i % w, i / w);
-        let near = |v: usize, n: usize| if v.is_multiple_of(2) { (v / 2).saturating_sub(1) } else { (v / 2 + 1).min(n - 1) };
-        let (nx, ny) = (near(x, cw), near(y, ch));
-        for (p, c) in planes.iter_mut().zip(&coarse) {
-            let at = |x: usize, y: usize| c[y * cw + x];
-            p[i] = 0.5625 * at(x / 2, y / 2) + 0.1875 * (at(nx, y / 2) + at(x / 2, ny)) + 0.0625 * at(nx, ny);
-        }
-    }
-}
-
-/// The weights, adding up to 1, whose mixture of the keys is nearest to `points`; `None` where they are not as many, or the keys are in one
-/// place.
-pub(super) fn weights_of(drawn: &dyn Drawn, points: &[[f64; 2]]) -> Option<Vec<f64>> {
-    let k = drawn.n_keys();
-    let base = drawn.key(0);
-    if points.len() != base.len() {
-        return None;
-    }
-    let difference = |j: usize| -> Vec<f64> { drawn.key(j).as_flattened().iter().zip(base.as_flattened()).map(|(a, b)| a - b).collect() };
-    let columns: Vec<Vec<f64>> = (1..k).map(difference).collect();
-    let rest: Vec<f64> = points.as_flattened().iter().zip(base.as_flattened()).map(|(a, b)| a - b).collect();
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut h = DMatrix::from_fn(k - 1, k - 1, |i, j| dot(&columns[i], &columns[j]));
-    let floor = 1e-9 * h.trace();
-    (0..k - 1).for_each(|i| h[(i, i)] += floor);
-    let b = DVector::from_fn(k - 1, |i, _| dot(&columns[i], &rest));
-    let found = if k == 1 { DVector::zeros(0) } else { nalgebra::Cholesky::new(h)?.solve(&b) };
-    let mut weights = vec![1.0 - found.sum()];
-    weights.extend(found.iter());
-    weights.iter().all(|w| w.is_finite()).then_some(weights)
-}
-
-/// The moments of the drawing's coverage in the plane of the keys.
-fn drawn_moments(drawn: &dyn Drawn, weights: &[f64]) -> Option<Moments> {
-    let points = || (0..drawn.n_keys()).flat_map(|k| drawn.key(k));
-    let low = points().fold([f64::INFINITY; 2], |m, p| [m[0].min(p[0]), m[1].min(p[1])]);
-    let high = points().fold([f64::NEG_INFINITY; 2], |m, p| [m[0].max(p[0]), m[1].max(p[1])]);
-    // A picture of some hundred samples a side says where the bulk is.
-    let step = ((high[0] - low[0]).max(high[1] - low[1]) / 96.0).max(1e-6);
-    let size = [0, 1].map(|k| (libm::ceil((high[k] - low[k]) / step) as usize + 2).min(200));
-    let s = 1.0 / step;
-    let picture = drawn.draw(weights, &Affine::new(s, 0.0, 1.0 - s * low[0], 0.0, s, 1.0 - s * low[1]), s, size)?;
-    let alpha: Vec<f32> = picture.chunks_exact(4).map(|p| p[3]).collect();
-    let m = moments(&alpha, size[0])?;
-    let centre = (m.centre - Vector2::new(1.0, 1.0)) * step + Vector2::from(low);
-    Some(Moments { mass: m.mass * step * step, centre, spread: m.spread * (step * step) })
-}
-
-/// Each key, and each two of a few, where the moments of the matte put them; else where `found` does.
-pub(super) fn every_pose(drawn: &dyn Drawn, found: &Affine, matte: Option<&[f32]>, width: usize) -> Vec<DrawnPose> {
-    let k = drawn.n_keys();
-    let to = matte.and_then(|m| moments(m, width));
-    let mixed =
-        |i: usize, j: usize| (0..k).map(|n| 0.5 * (f64::from(u8::from(n == i)) + f64::from(u8::from(n == j)))).collect::<Vec<f64>>();
-    let pairs = (0..k).flat_map(|i| (i..k).map(move |j| (i, j))).filter(|(i, j)| i == j || k <= FEW);
-    let pose = |(i, j)| {
-        let weights = mixed(i, j);
-        let moved = to.as_ref().and_then(|to| transport(&drawn_moments(drawn, &weights)?, to, found));
-        DrawnPose { motion: moved.unwrap_or(*found), weights }
-    };
-    pairs.map(pose).collect()
-}
-
-/// Root mean square distance of points in pairs.
-fn apart(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
-    let sum: f64 = a.iter().zip(b).map(|(a, b)| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).sum();
-    libm::sqrt(sum / a.len().max(1) as f64)
-}
-
-/// Where the points of the keys are in the frame.
-pub(crate) fn placed(drawn: &dyn Drawn, pose: &DrawnPose) -> Vec<[f64; 2]> {
-    let n = drawn.key(0).len();
-    let mixed = |i: usize| {
-        let sum = |c: usize| pose.weights.iter().enumerate().map(|(k, w)| w * drawn.key(k)[i][c]).sum::<f64>();
-        apply(&pose.motion, Vector2::new(sum(0), sum(1))).into()
-    };
-    (0..n).map(mixed).collect()
-}
-
-#[cfg(test)]
-mod tests;

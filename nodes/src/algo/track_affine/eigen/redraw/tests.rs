@@ -4,8 +4,8 @@ use super::*;
 use crate::algo::paint::{Canvas, FillRule, polygon};
 use crate::algo::pca::{Keep, pca};
 use crate::algo::raster::Raster;
-use crate::algo::track_affine::Tone;
 use crate::algo::track_affine::eigen::{EigenOptions, EigenStart, EigenTemplate, Pictures};
+use crate::algo::track_affine::{Model, Tone};
 use crate::algo::window::Window as Area;
 use kurbo::Point;
 
