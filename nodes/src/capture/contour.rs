@@ -70,7 +70,8 @@ pub(crate) struct CaptureContour {
     /// weights as much as squared errors. Steadies drawings that tremble; large ones leave straight lines.
     #[input(default = 0.0, range = 0.0..=1000000.0)]
     smoothness: f64,
-    /// Bends that are so many times the usual ones are accents, which smoothness leaves: contacts, pops. 0 smooths all alike.
+    /// Bends that are so many times the usual ones are accents, which smoothness leaves: contacts, pops. They stay in the sum of all bends, which
+    /// for a bounce sinks by half where its tremble sinks to an eighth. 0 smooths all alike.
     #[input(default = 3.0, range = 0.0..=1000000.0)]
     accents: f64,
 }
