@@ -86,12 +86,28 @@ const WHY_EXAMPLES: &str = "Examples:
 
 Nothing is run. Every run that has a cache leaves a record there, which this looks into; of each graph the last eight are kept.";
 
+const NEW_EXAMPLES: &str = "Examples:
+  pegbar new show frogs              frogs/show.ron, frogs/graphs/example.ron, frogs/sq010/sh010/shot.ron
+  pegbar new shot frogs/sq010/sh020  another shot
+  pegbar new graph frogs/graphs/comp.ron
+  pegbar run frogs/graphs/comp.ron --shot frogs/sq010/sh020";
+
 const EDIT_EXAMPLES: &str = "Examples:
   pegbar edit hat.ron --set track.levels=4             comments and layout stay as they are
   pegbar edit hat.ron --rename swap=witch              and every \"@swap\" that reads it
   pegbar edit hat.ron --set 'swap.path=\"art/b.png\"'   values are RON: a text has its quotes
 
 The file is written whole or not at all; what cannot be done changes nothing.";
+
+const WHENCE_EXAMPLES: &str = "Examples:
+  pegbar whence out/hat/hat.0012.png                 the command that made it, and the graph
+  pegbar whence out/hat/hat.0012.png --extract old   the graph and all that it used, as files
+  pegbar diff old/hat.ron hat.ron                    and what has changed since
+
+Exit codes:
+  0  it is told
+  1  the file does not say how it was made
+  2  the file cannot be read";
 
 const DIFF_EXAMPLES: &str = "Examples:
   pegbar diff old.ron new.ron                         layout, comments and the order of nodes do not count
@@ -165,9 +181,15 @@ pub(crate) enum Command {
     /// Say why a node runs again: the first fact that differs from the run before, old and new, with file and line.
     #[command(after_help = WHY_EXAMPLES)]
     Why(WhyArgs),
+    /// Begin a show, a sequence, a shot or a graph: files to be changed to what you need. Nothing that is there is overwritten.
+    #[command(subcommand, after_help = NEW_EXAMPLES)]
+    New(NewCommand),
     /// Change a graph file: inputs, names, nodes; no byte changes but those that must.
     #[command(after_help = EDIT_EXAMPLES)]
     Edit(EditArgs),
+    /// Say how a written PNG, OpenEXR or glTF file was made: its graph, with all that it was run with.
+    #[command(after_help = WHENCE_EXAMPLES)]
+    Whence(WhenceArgs),
     /// Say what differs between two graphs, by meaning rather than by line, and whether callers of the second break.
     #[command(after_help = DIFF_EXAMPLES)]
     Diff(DiffArgs),
@@ -397,6 +419,35 @@ pub(crate) struct WhyArgs {
     pub(crate) format: Format,
 }
 
+/// What is begun.
+#[derive(Debug, Subcommand)]
+pub(crate) enum NewCommand {
+    /// A show: a folder with its layer, a graph, a sequence and a shot.
+    Show {
+        /// Folder; made if it is not there.
+        #[arg(value_name = "DIR")]
+        path: PathBuf,
+    },
+    /// A sequence: a folder in a show's.
+    Sequence {
+        /// Folder; made if it is not there.
+        #[arg(value_name = "DIR")]
+        path: PathBuf,
+    },
+    /// A shot: a folder in a sequence's or a show's.
+    Shot {
+        /// Folder; made if it is not there.
+        #[arg(value_name = "DIR")]
+        path: PathBuf,
+    },
+    /// A graph that runs as it is.
+    Graph {
+        /// File (.ron).
+        #[arg(value_name = "FILE")]
+        path: PathBuf,
+    },
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct EditArgs {
     /// Graph file (.ron).
@@ -423,6 +474,19 @@ pub(crate) struct EditArgs {
     /// Print the result and leave the file alone.
     #[arg(long)]
     pub(crate) print: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct WhenceArgs {
+    /// A picture or a character that a graph wrote.
+    #[arg(value_name = "FILE")]
+    pub(crate) file: PathBuf,
+    /// Write the graph, and the graphs and layers that it used, below this folder.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) extract: Option<PathBuf>,
+    /// Text for people, or JSON for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
 }
 
 #[derive(Args, Debug)]

@@ -15,6 +15,7 @@ mod fmt;
 mod graph;
 mod leave;
 mod list;
+mod new;
 mod observers;
 mod plan;
 mod pool;
@@ -24,6 +25,7 @@ mod resources;
 mod run;
 mod summary;
 mod trace;
+mod whence;
 mod whose;
 mod why;
 
@@ -62,7 +64,9 @@ where
         args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Plan(args) => plan::plan(&args, registry, console),
         args::Command::Why(args) => why::why(&args, registry, console),
+        args::Command::New(command) => new::new(&command, console),
         args::Command::Edit(args) => edit::edit(&args, console),
+        args::Command::Whence(args) => whence::whence(&args, console),
         args::Command::Diff(args) => diff::diff(&args, console),
         args::Command::Whose(args) => whose::whose(&args, registry, console),
         args::Command::Completions(args) => completions::completions(&args, console),

@@ -18,6 +18,7 @@ pub mod job;
 pub mod key;
 pub mod node;
 pub mod npz;
+pub mod origin;
 pub mod plan;
 pub mod record;
 pub mod registry;

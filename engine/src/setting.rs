@@ -3,6 +3,7 @@
 use std::fmt::Debug;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
 
@@ -87,6 +88,8 @@ pub struct Place {
     pub out: PathBuf,
     /// The value types that a graph may name.
     pub types: Types,
+    /// The graph with all that it is run with, as text for the files that it writes.
+    pub origin: Option<Arc<str>>,
 }
 
 fn read<T: DeserializeOwned>(text: &str) -> Result<T, SettingError> {
@@ -253,6 +256,7 @@ pub struct InputPaths(
 pub struct OutputPath {
     pattern: Pattern,
     root: PathBuf,
+    origin: Option<Arc<str>>,
 }
 
 /// What a reader does at a frame whose file is not there.
@@ -489,6 +493,11 @@ impl OutputPath {
         self.pattern.text()
     }
 
+    /// The graph and its settings, for a file that can hold a text beside what it is for; see [`crate::origin`].
+    pub fn origin(&self) -> Option<&Arc<str>> {
+        self.origin.as_ref()
+    }
+
     /// The output folder.
     pub fn root(&self) -> &Path {
         &self.root
@@ -527,11 +536,11 @@ impl Setting for OutputPath {
             return Err(SettingError::whole(text, "expected a path, found an empty text"));
         }
         let pattern = Pattern::parse(&path).map_err(|m| SettingError::whole(text, m))?;
-        Ok(Self { pattern, root: PathBuf::new() })
+        Ok(Self { pattern, root: PathBuf::new(), origin: None })
     }
     const FILES: FileUse = FileUse::Write;
     fn bind(self, place: &Place) -> Self {
-        Self { pattern: self.pattern.under(&place.out), root: place.out.clone() }
+        Self { pattern: self.pattern.under(&place.out), root: place.out.clone(), origin: place.origin.clone() }
     }
 }
 

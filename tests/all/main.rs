@@ -7,5 +7,6 @@ mod conformance;
 mod faults;
 mod goldens;
 mod hostile;
+mod show;
 mod support;
 mod truth;

@@ -15,6 +15,7 @@ mod words;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use crate::diag::{Diagnostic, FileId, Label, Severity, SourceMap, Span};
 use crate::graph::Graph;
@@ -214,6 +215,8 @@ struct Checker<'a> {
     /// Folders in which graphs are looked for, the nearest first.
     library: Vec<PathBuf>,
     settings: Settings,
+    /// What files that the graph writes say of it.
+    origin: Option<Arc<str>>,
 }
 
 /// A place in a file.
@@ -271,12 +274,14 @@ impl<'a> Checker<'a> {
             context: BTreeMap::new(),
             library: options.library.clone(),
             settings: Settings::default(),
+            origin: None,
         }
     }
 
     fn check(mut self, path: &Path, text: String) -> Loaded {
         self.read_layers(path);
         let scope = self.read_main(path, text);
+        self.origin = crate::origin::text(path, &self.sources, self.options);
         let graph = scope.and_then(|s| self.resolve_all(s));
         if scope.is_some() {
             self.unused_overrides();

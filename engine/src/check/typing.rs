@@ -163,7 +163,7 @@ impl Checker<'_> {
     }
 
     fn place(&self, base: PathBuf) -> Place {
-        Place { base, out: self.options.out.clone(), types: self.registry.shared_types().clone() }
+        Place { base, out: self.options.out.clone(), types: self.registry.shared_types().clone(), origin: self.origin.clone() }
     }
 
     fn empty_list(&mut self, input: &InputSchema, given: &Given) -> Binding {

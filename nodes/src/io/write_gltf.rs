@@ -217,6 +217,7 @@ impl Whole for IoWriteGltf {
             name: &self.name,
             texture,
             binary,
+            text: self.path.origin().map(|origin| (pegbar_engine::origin::KEY, origin.as_ref())),
             surface: Surface::default(),
             skin: None,
             targets: &[],

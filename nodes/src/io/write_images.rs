@@ -172,6 +172,7 @@ impl IoWriteImages {
             level: self.effort.into(),
             quality: u8::try_from(self.quality).unwrap_or(100),
             dither: if self.dither { Dither::Ordered } else { Dither::None },
+            text: self.path.origin().map(|origin| (pegbar_engine::origin::KEY, origin.clone())),
             threads: if self.path.is_sequence() { 1 } else { 0 },
             ..EncodeOptions::new(format)
         }

@@ -79,7 +79,7 @@ pub(super) fn pictures(folder: &Path) {
             ..gltf::Surface::default()
         };
         let animated = gltf::Animated { fps: 24.0, weights: &[vec![0.0], vec![1.0]], ..gltf::Animated::default() };
-        let export = gltf::Export { name, surface, skin: None, targets: &[target], animated, texture: None, binary: false };
+        let export = gltf::Export { name, surface, skin: None, targets: &[target], animated, texture: None, binary: false, text: None };
         std::fs::write(folder.join(format!("{name}.gltf")), gltf::write(&export).unwrap()).unwrap();
     }
     for (name, level) in [("a", 0.2), ("b", 0.7)] {

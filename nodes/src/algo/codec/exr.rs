@@ -11,7 +11,7 @@ use exr::block::writer::ChunksWriter;
 use exr::block::{BlockIndex, UncompressedBlock};
 use exr::compression::Compression as Packing;
 use exr::math::Vec2;
-use exr::meta::attribute::{ChannelDescription, IntegerBounds, LineOrder, SampleType, Text};
+use exr::meta::attribute::{AttributeValue, ChannelDescription, IntegerBounds, LineOrder, SampleType, Text};
 use exr::meta::header::{Header as PartHeader, ImageAttributes, LayerAttributes};
 use exr::meta::{BlockDescription, MetaData};
 use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
@@ -568,6 +568,13 @@ fn packing(depth: Depth, options: &EncodeOptions) -> Result<Packing, CodecError>
     })
 }
 
+/// The text under `name` in a file, where there is one.
+pub(super) fn text(bytes: &[u8], name: &str) -> Option<String> {
+    let meta = MetaData::read_from_buffered(std::io::Cursor::new(bytes), false).ok()?;
+    let value = meta.headers.iter().find_map(|h| h.own_attributes.other.get(&Text::from(name)));
+    if let Some(AttributeValue::Text(text)) = value { String::from_utf8(text.bytes().to_vec()).ok() } else { None }
+}
+
 fn part_header(picture: &Picture, depth: Depth, options: &EncodeOptions) -> Result<PartHeader, CodecError> {
     let kind = if depth == Depth::Float { SampleType::F32 } else { SampleType::F16 };
     let mut names: Vec<&String> = picture.channels.iter().collect();
@@ -586,6 +593,9 @@ fn part_header(picture: &Picture, depth: Depth, options: &EncodeOptions) -> Resu
     let [x, y, ..] = picture.data_window;
     let mut attributes = LayerAttributes::named("");
     attributes.layer_name = None;
+    if let Some((name, text)) = &options.text {
+        attributes.other.insert(Text::from(*name), AttributeValue::Text(Text::from_slice_unchecked(text.as_bytes())));
+    }
     let display = IntegerBounds::new(Vec2(picture.display_window[0], picture.display_window[1]), Vec2(w, h));
     Ok(PartHeader::new(Text::default(), Vec2(picture.width, picture.height), channels.into_iter().collect())
         .with_encoding(packing(depth, options)?, BlockDescription::ScanLines, LineOrder::Increasing)

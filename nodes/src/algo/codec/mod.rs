@@ -23,6 +23,7 @@ mod tests;
 pub use error::CodecError;
 
 use std::io::{BufRead, Cursor, Read, Seek, SeekFrom, Write};
+use std::sync::Arc;
 
 /// The kinds of picture file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -283,6 +284,11 @@ impl Default for DecodeOptions {
     }
 }
 
+/// The text that a PNG or OpenEXR file holds under `name`; see [`EncodeOptions::text`].
+pub fn text(bytes: &[u8], name: &str) -> Option<String> {
+    png::text(bytes, name).or_else(|| exr::text(bytes, name))
+}
+
 /// How to write.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncodeOptions {
@@ -306,6 +312,8 @@ pub struct EncodeOptions {
     pub non_finite: NonFinite,
     /// Threads to use; 0 for one a processor. The bytes are the same for any number.
     pub threads: usize,
+    /// A text about the picture, under a name: a chunk in PNG, an attribute in OpenEXR. JPEG and TIFF files go without.
+    pub text: Option<(&'static str, Arc<str>)>,
 }
 
 impl EncodeOptions {
@@ -322,6 +330,7 @@ impl EncodeOptions {
             dither: Dither::None,
             non_finite: NonFinite::Clamp,
             threads: 0,
+            text: None,
         }
     }
 

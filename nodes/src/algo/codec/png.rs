@@ -169,7 +169,14 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut impl 
     } else {
         bytes_of_u16(&to_u16(picture, &order, options)?, u16::to_be_bytes)
     };
-    let mut encoder = png::Encoder::new(out, width, height);
+    let mut info = png::Info::with_size(width, height);
+    if let Some((name, text)) = &options.text {
+        let mut chunk = png::text_metadata::ITXtChunk::new(*name, text.as_ref());
+        chunk.compressed = true;
+        chunk.compress_text().map_err(failed)?;
+        info.utf8_text.push(chunk);
+    }
+    let mut encoder = png::Encoder::with_info(out, info).map_err(failed)?;
     encoder.set_color(match order.len() {
         1 => png::ColorType::Grayscale,
         2 => png::ColorType::GrayscaleAlpha,
@@ -182,6 +189,14 @@ pub(super) fn encode(picture: &Picture, options: &EncodeOptions, out: &mut impl 
     let mut writer = encoder.write_header().map_err(failed)?;
     writer.write_image_data(&data).map_err(failed)?;
     writer.finish().map_err(failed)
+}
+
+/// The text under `name` in a file, where there is one: what [`EncodeOptions::text`] put there.
+pub(super) fn text(bytes: &[u8], name: &str) -> Option<String> {
+    let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: 64 << 20 });
+    decoder.set_ignore_text_chunk(false);
+    let reader = decoder.read_info().ok()?;
+    reader.info().utf8_text.iter().find(|chunk| chunk.keyword == name)?.get_text().ok()
 }
 
 fn declare<W: Write>(encoder: &mut png::Encoder<'_, W>, color: ColorMode) {

@@ -45,6 +45,24 @@ fn round_trip(picture: &Picture, options: &EncodeOptions) -> Picture {
     read
 }
 
+#[test]
+fn a_text_beside_the_picture_is_read_again() {
+    let said = "Graph(doc: \"a graph of more than Latin 1: \u{3b1}\", ...)".repeat(40);
+    for format in [Format::Png, Format::Exr] {
+        let picture = Picture::new(vec![0.5; 12], 2, 2, &["R", "G", "B"]).unwrap();
+        let plain = encode_to_vec(&picture, &EncodeOptions::new(format)).unwrap();
+        let options = EncodeOptions { text: Some(("made_by", said.as_str().into())), ..EncodeOptions::new(format) };
+        let bytes = encode_to_vec(&picture, &options).unwrap();
+        assert_eq!(
+            (super::text(&plain, "made_by"), super::text(&bytes, "made_by"), super::text(&bytes, "other")),
+            (None, Some(said.clone()), None)
+        );
+        let read = |bytes: &[u8]| decode(bytes, &DecodeOptions::default()).unwrap();
+        assert_eq!(read(&plain).pixels, read(&bytes).pixels);
+    }
+    assert_eq!(super::text(b"no picture at all", "made_by"), None);
+}
+
 const SIZES: [(usize, usize); 5] = [(1, 1), (1, 9), (17, 1), (33, 19), (300, 131)];
 
 #[test]

@@ -156,3 +156,10 @@ fn listed<'a>(names: impl Iterator<Item = Option<&'a str>>) -> String {
         _ => names.join(", "),
     }
 }
+
+/// The text under `name` in a file, where there is one: what [`Export::text`] put there.
+pub fn text(bytes: &[u8], name: &str) -> Option<String> {
+    let (json, _) = container::open(bytes).ok()?;
+    let root: serde_json::Value = serde_json::from_slice(json).ok()?;
+    root.pointer("/asset/extras")?.get(name)?.as_str().map(str::to_owned)
+}

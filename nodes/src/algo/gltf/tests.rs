@@ -324,6 +324,7 @@ fn figure(binary: bool) -> Vec<u8> {
     let target = |name: &str, y: f64| Target { name: name.to_owned(), positions: vec![[0.0, y, 0.0]; 4], normals: vec![[0.0; 3]; 4] };
     let export = Export {
         name: "figure",
+        text: Some(("made_by", "hand")),
         surface: Surface {
             positions: &positions,
             triangles: &[[0, 1, 2], [2, 1, 3]],
@@ -351,6 +352,7 @@ fn figure(binary: bool) -> Vec<u8> {
 #[test]
 fn what_is_written_is_read_again() {
     for binary in [false, true] {
+        assert_eq!(super::text(&figure(binary), "made_by").as_deref(), Some("hand"));
         let document = opened(&figure(binary)).unwrap();
         let rig = document.rig().unwrap();
         let figure = document.character(&rig, None, None).unwrap();
@@ -386,6 +388,7 @@ fn what_cannot_be_written_is_refused() {
         animated: Animated::default(),
         texture: None,
         binary: true,
+        text: None,
     };
     assert_eq!(write(&export).unwrap_err().to_string(), "mesh: expected triangles, found none");
     let surface =

@@ -84,6 +84,8 @@ pub struct Export<'a> {
     pub texture: Option<(&'a [u8], bool)>,
     /// True for `.glb`, false for `.gltf` with its bytes inside.
     pub binary: bool,
+    /// A text about the file, under a name in `asset.extras`.
+    pub text: Option<(&'a str, &'a str)>,
 }
 
 const FLOAT: u32 = 5126;
@@ -150,6 +152,9 @@ pub fn write(export: &Export) -> Result<Vec<u8>, GltfError> {
     }
     let mut out = Bytes::default();
     let mut root = json!({ "asset": { "version": "2.0", "generator": "pegbar" }, "scene": 0 });
+    if let Some((name, text)) = export.text {
+        root["asset"]["extras"] = json!({ name: text });
+    }
     let mut attributes = attributes(surface, &mut out)?;
     let mut nodes = Vec::new();
     let mut mesh_node = json!({ "name": export.name, "mesh": 0 });
