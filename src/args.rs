@@ -99,6 +99,16 @@ const EDIT_EXAMPLES: &str = "Examples:
 
 The file is written whole or not at all; what cannot be done changes nothing.";
 
+const UPGRADE_EXAMPLES: &str = "Examples:
+  pegbar upgrade --check shows                        what would change, and why
+  pegbar upgrade shows                                changes it; everything else stays byte for byte
+  pegbar upgrade shows --migrations studio_nodes.ron  with the migrations of your own nodes
+
+Exit codes:
+  0  every graph is up to date
+  1  with --check: some are not
+  2  a file cannot be read, or is no graph";
+
 const WHENCE_EXAMPLES: &str = "Examples:
   pegbar whence out/hat/hat.0012.png                 the command that made it, and the graph
   pegbar whence out/hat/hat.0012.png --extract old   the graph and all that it used, as files
@@ -187,6 +197,9 @@ pub(crate) enum Command {
     /// Change a graph file: inputs, names, nodes; no byte changes but those that must.
     #[command(after_help = EDIT_EXAMPLES)]
     Edit(EditArgs),
+    /// Bring graphs that were written for older nodes up to date; they mean afterwards what they meant before.
+    #[command(after_help = UPGRADE_EXAMPLES)]
+    Upgrade(UpgradeArgs),
     /// Say how a written PNG, OpenEXR or glTF file was made: its graph, with all that it was run with.
     #[command(after_help = WHENCE_EXAMPLES)]
     Whence(WhenceArgs),
@@ -474,6 +487,19 @@ pub(crate) struct EditArgs {
     /// Print the result and leave the file alone.
     #[arg(long)]
     pub(crate) print: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct UpgradeArgs {
+    /// Graph files, or folders of them.
+    #[arg(value_name = "PATH", required = true)]
+    pub(crate) files: Vec<PathBuf>,
+    /// More migrations, of plugins or of your own: RON files of records (node: "old.id", to: "new.id", inputs: {...}, set: {...}, note: "...").
+    #[arg(long, value_name = "FILE")]
+    pub(crate) migrations: Vec<PathBuf>,
+    /// Change nothing; say what would change.
+    #[arg(long)]
+    pub(crate) check: bool,
 }
 
 #[derive(Args, Debug)]

@@ -25,6 +25,7 @@ mod resources;
 mod run;
 mod summary;
 mod trace;
+mod upgrade;
 mod whence;
 mod whose;
 mod why;
@@ -66,6 +67,7 @@ where
         args::Command::Why(args) => why::why(&args, registry, console),
         args::Command::New(command) => new::new(&command, console),
         args::Command::Edit(args) => edit::edit(&args, console),
+        args::Command::Upgrade(args) => upgrade::upgrade(&args, console),
         args::Command::Whence(args) => whence::whence(&args, console),
         args::Command::Diff(args) => diff::diff(&args, console),
         args::Command::Whose(args) => whose::whose(&args, registry, console),

@@ -253,6 +253,25 @@ fn a_graph_is_edited_from_a_script() {
 }
 
 #[test]
+fn graphs_of_older_nodes_are_brought_up_to_date() {
+    let shot = Shot::new(&FINE.replace("test.gain", "test.amplify").replace("gain: 2.0", "factor: 2.0"));
+    std::fs::write(
+        shot.path("list.txt"),
+        r#"[(node: "test.amplify", to: "test.gain", inputs: {"factor": "gain"}, note: "one name for both")]"#,
+    )
+    .unwrap();
+    let (graph, list) = (shot.path("g.ron"), shot.path("list.txt"));
+    assert_eq!(cli(&["check", &graph]).code, 2);
+    assert_eq!(cli(&["upgrade", &graph]).code, 0, "nothing is known of it");
+    assert_eq!(cli(&["upgrade", &graph, "--check", "--migrations", &list]).code, 1);
+    let ran = cli(&["upgrade", &graph, "--migrations", &list]);
+    assert_eq!(shot.plain(&ran.out), "g.ron: node `g`: `factor` is now `gain`; test.amplify is now test.gain (one name for both)\n");
+    assert_eq!((ran.code, shot.run(&[]).code), (0, 0));
+    std::fs::write(&list, "[(nodes: 1)]").unwrap();
+    assert_eq!(cli(&["upgrade", &graph, "--migrations", &list]).code, 2);
+}
+
+#[test]
 fn no_progress_is_silence() {
     let ran = Shot::new(FINE).run(&["--progress", "none"]);
     assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (0, "", ""));

@@ -23,6 +23,13 @@ pub enum Edit {
         /// As above.
         path: [String; 3],
     },
+    /// Gives an input another name; what stands there stays.
+    RenameInput {
+        /// As above.
+        path: [String; 3],
+        /// The name that it gets.
+        to: String,
+    },
     /// Gives a node another name, wherever the file names it.
     RenameNode {
         /// Its name.
@@ -126,6 +133,14 @@ pub fn patches(tree: &Tree, edit: &Edit) -> Result<Vec<Patch>, EditError> {
             let field = record.field(field).ok_or_else(|| EditError::Missing(format!("{map}.{name}.{field}")))?;
             Ok(vec![removal(tree, field.node())])
         }
+        Edit::RenameInput { path: [of, name, field], to } => {
+            let record = record(tree, of, name)?;
+            let found = record.field(field).ok_or_else(|| EditError::Missing(format!("{of}.{name}.{field}")))?;
+            if record.field(to).is_some() {
+                return Err(EditError::Taken(to.clone()));
+            }
+            Ok(vec![Patch { span: found.name_span(), text: word(to)?.to_owned() }])
+        }
         Edit::RenameNode { from, to } => rename(tree, "nodes", from, to, '@'),
         Edit::RenameParam { from, to } => rename(tree, "params", from, to, '$'),
         Edit::AddNode { name, record } => add(tree, name, record).map(|patch| vec![patch]),
@@ -151,15 +166,18 @@ fn record<'t>(tree: &'t Tree, of: &str, name: &str) -> Result<NodeRef<'t>, EditE
 
 fn set(tree: &Tree, [of, name, field]: &[String; 3], value: &str) -> Result<Patch, EditError> {
     sound(value)?;
-    let is_word = !field.is_empty() && field.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
-    if !is_word {
-        return Err(EditError::BadName(field.clone()));
-    }
+    let field = word(field)?;
     let record = record(tree, of, name)?;
     match record.field(field).and_then(FieldRef::value) {
         Some(old) => Ok(Patch { span: old.span(), text: value.to_owned() }),
         None => Ok(insertion(tree, record, &format!("{field}: {value}"))),
     }
+}
+
+/// The name of a field, where it can be one.
+fn word(name: &str) -> Result<&str, EditError> {
+    let is_word = !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+    if is_word { Ok(name) } else { Err(EditError::BadName(name.to_owned())) }
 }
 
 fn add(tree: &Tree, name: &str, record: &str) -> Result<Patch, EditError> {

@@ -26,6 +26,7 @@ pub mod setting;
 pub mod stamp;
 mod sync;
 pub mod syntax;
+pub mod upgrade;
 pub mod value;
 pub mod why;
 

@@ -87,6 +87,14 @@ fn names_change_wherever_they_are_read_and_nowhere_else() {
 }
 
 #[test]
+fn an_input_is_renamed_with_what_stands_there() {
+    let edit = |to: &str| Edit::RenameInput { path: ["nodes", "sum", "b"].map(str::to_owned), to: to.to_owned() };
+    assert_eq!(apply(GRAPH, &edit("second")).unwrap(), GRAPH.replace("value\", b: 2", "value\", second: 2"));
+    assert_eq!(apply(GRAPH, &edit("a")), Err(EditError::Taken("a".to_owned())));
+    assert_eq!(apply(GRAPH, &edit("a b")), Err(EditError::BadName("a b".to_owned())));
+}
+
+#[test]
 fn nodes_come_and_go() {
     let add = Edit::AddNode { name: "new".to_owned(), record: "(type: \"x\")".to_owned() };
     let last = "        \"sums\": (type: \"test.add\", a: 1, b: 2)";
@@ -146,7 +154,7 @@ proptest! {
             Edit::RenameNode { from, .. } => format!("nodes.{from}"),
             Edit::AddNode { name, .. } | Edit::RemoveNode { name } => format!("nodes.{name}"),
             Edit::Set { path, .. } | Edit::Unset { path } => path.join("."),
-            Edit::RenameParam { .. } => String::new(),
+            Edit::RenameParam { .. } | Edit::RenameInput { .. } => String::new(),
         };
         prop_assert!(changes.iter().all(|c| c.path == expected) && changes.len() <= 1, "{wanted:?} {changes:?}\n{after}");
         // Every line that is not of the node stands as it did, in the order in which it did.
