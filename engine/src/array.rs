@@ -6,6 +6,10 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+mod buffer;
+
+pub use buffer::{Allocate, Block, Buffer, Bytes, Shared, with_allocator};
+
 /// The type of an array's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -95,6 +99,17 @@ impl ArrayView<'_> {
         };
         Array { shape: self.shape.to_vec(), data }
     }
+
+    /// The elements as numbers.
+    pub fn numbers(&self) -> Vec<f64> {
+        match self.dtype {
+            DType::F32 => elements::<f32>(self.bytes).into_iter().map(f64::from).collect(),
+            DType::F64 => elements(self.bytes),
+            DType::I64 => elements::<i64>(self.bytes).into_iter().map(|n| n as f64).collect(),
+            DType::U32 => elements::<u32>(self.bytes).into_iter().map(f64::from).collect(),
+            DType::U8 => self.bytes.iter().map(|&n| f64::from(n)).collect(),
+        }
+    }
 }
 
 fn elements<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
@@ -123,6 +138,8 @@ pub enum Data {
     U32(Vec<u32>),
     /// Bytes.
     U8(Vec<u8>),
+    /// Elements that lie elsewhere, as in another library's memory.
+    Shared(Shared),
 }
 
 impl Array {
@@ -134,6 +151,7 @@ impl Array {
             Data::I64(_) => DType::I64,
             Data::U32(_) => DType::U32,
             Data::U8(_) => DType::U8,
+            Data::Shared(ref shared) => shared.dtype(),
         }
     }
 
@@ -145,6 +163,7 @@ impl Array {
             Data::I64(v) => bytemuck::cast_slice(v),
             Data::U32(v) => bytemuck::cast_slice(v),
             Data::U8(v) => v,
+            Data::Shared(shared) => shared.bytes(),
         };
         ArrayView { dtype: self.dtype(), shape: Shape::new(&self.shape), bytes }
     }
@@ -286,6 +305,7 @@ macro_rules! element {
             fn from_data(data: Data) -> Option<Vec<Self>> {
                 match data {
                     Data::$variant(v) => Some(v),
+                    Data::Shared(shared) => (shared.dtype() == DType::$variant).then(|| elements(shared.bytes())),
                     _ => None,
                 }
             }

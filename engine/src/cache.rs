@@ -348,7 +348,7 @@ impl Cache {
             mark(&content.used, self.generation);
             (content.ty.clone(), content.place.clone(), content.stored, content.born)
         };
-        let make = extra.filter(|t| t.schema.name == &*ty).or_else(|| types.get(&ty))?.from_parts;
+        let make = &extra.filter(|t| t.schema.name == &*ty).or_else(|| types.get(&ty))?.from_parts;
         let made = self.read(&digest, &ty, &place, stored).and_then(|parts| make(parts).map_err(|e| Miss::Damaged(e.to_string())));
         match made {
             Ok(value) => {

@@ -20,6 +20,7 @@ pub mod node;
 pub mod npz;
 pub mod origin;
 pub mod plan;
+pub mod plugin;
 pub mod record;
 pub mod registry;
 pub mod setting;

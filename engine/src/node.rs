@@ -10,7 +10,7 @@ mod schema;
 pub use context::{Cancel, Context, Problem};
 pub use error::{Fault, NodeError};
 pub use input::{AnyFrames, AnySequence, Arg, Frames, In, Input, List, Literal, Picked, Sequence, SequenceRef, Values};
-pub use operator::{Computed, Needs, Operator};
+pub use operator::{Computed, Needs, Operator, PluginId};
 pub(crate) use operator::{PerFrameOperator, RecurrentOperator, WholeOperator};
 pub use output::{AnyStream, OutValue, Output, Outputs, Stream};
 pub use schema::{Access, Beside, InputSchema, InputType, Kind, NodeSchema, OutputSchema, ParseLiteral};

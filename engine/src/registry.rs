@@ -5,7 +5,7 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-use crate::node::{Node, NodeSchema, Operator, PerFrame, PerFrameOperator, Recurrent, RecurrentOperator, Whole, WholeOperator};
+use crate::node::{Node, NodeSchema, Operator, PerFrame, PluginId, PerFrameOperator, Recurrent, RecurrentOperator, Whole, WholeOperator};
 use crate::value::{Curve, TimeMap, Value, ValueType, Vector};
 
 /// A node type as the registry keeps it.
@@ -38,6 +38,8 @@ impl fmt::Debug for Types {
 #[derive(Clone, Default)]
 pub struct Registry {
     nodes: BTreeMap<&'static str, NodeType>,
+    /// Node types out of plugins: one for each version of the plugin.
+    versions: BTreeMap<&'static str, Vec<NodeType>>,
     types: Types,
 }
 
@@ -78,9 +80,44 @@ impl Registry {
         self
     }
 
-    /// The node type `id`.
+    /// The node type `id`; of a plugin `id@1.2` for the one whose version that is or begins with. None where an id alone could mean several versions.
     pub fn get(&self, id: &str) -> Option<&NodeType> {
-        self.nodes.get(id)
+        self.nodes.get(id).or_else(|| self.version(id))
+    }
+
+    fn version(&self, id: &str) -> Option<&NodeType> {
+        let (id, wanted) = id.split_once('@').map_or((id, None), |(id, version)| (id, Some(version)));
+        let is_wanted = |node: &&NodeType| {
+            let version = node.operator.plugin().map_or("", |p| p.version.as_str());
+            wanted.is_none_or(|w| version.strip_prefix(w).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')))
+        };
+        let mut fitting = self.versions.get(id)?.iter().filter(is_wanted);
+        fitting.next().filter(|_| fitting.next().is_none())
+    }
+
+    /// The versions of the plugin in which there is the node type `id`, ascending.
+    pub fn versions(&self, id: &str) -> Vec<&str> {
+        let id = id.split_once('@').map_or(id, |(id, _)| id);
+        let all = self.versions.get(id).into_iter().flatten().filter_map(|n| n.operator.plugin());
+        all.map(|p| p.version.as_str()).collect()
+    }
+
+    /// Every plugin, once for each of its node types.
+    pub fn plugins(&self) -> impl Iterator<Item = &PluginId> {
+        self.versions.values().flatten().filter_map(|n| n.operator.plugin())
+    }
+
+    pub(crate) fn insert_type(&mut self, ty: ValueType) {
+        Arc::make_mut(&mut self.types.0).insert(ty.schema.name, ty);
+    }
+
+    pub(crate) fn insert_plugin_node(&mut self, node: NodeType) {
+        let numbers = |node: &NodeType| -> Vec<u64> {
+            node.operator.plugin().into_iter().flat_map(|p| p.version.split('.')).filter_map(|n| n.parse().ok()).collect()
+        };
+        let versions = self.versions.entry(node.schema.id).or_default();
+        versions.push(node);
+        versions.sort_by_key(numbers);
     }
 
     /// The value type `name`.
@@ -95,7 +132,10 @@ impl Registry {
 
     /// Every node type, by id.
     pub fn nodes(&self) -> impl Iterator<Item = &NodeType> {
-        self.nodes.values()
+        let mut all: Vec<&NodeType> = self.nodes.values().chain(self.versions.values().flatten()).collect();
+        // Stable, so that versions stay in order.
+        all.sort_by_key(|node| node.schema.id);
+        all.into_iter()
     }
 
     /// Every value type, by name.

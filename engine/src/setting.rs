@@ -71,7 +71,7 @@ pub enum FileUse {
 }
 
 /// One word of an enumeration.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Choice {
     /// The word.
     pub name: &'static str,

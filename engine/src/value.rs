@@ -153,6 +153,12 @@ pub struct LiteralSyntax<T> {
     pub parse: fn(&str) -> Result<T, SettingError>,
 }
 
+impl<T> Clone for LiteralSyntax<T> {
+    fn clone(&self) -> Self {
+        Self { form: self.form, parse: self.parse }
+    }
+}
+
 /// A [`Value`] whose type is known at run time only.
 pub trait AnyValue: Send + Sync + fmt::Debug + 'static {
     /// The type's name in graph files.
@@ -223,13 +229,26 @@ pub struct ValueType {
     /// What it is made of.
     pub schema: TypeSchema,
     /// Puts a value of the type together.
-    pub from_parts: fn(OwnedParts) -> Result<ValueRef, ValueError>,
+    pub from_parts: FromParts,
+    /// How it is written inside a graph file; `None` where it cannot be.
+    pub literal: Option<LiteralSyntax<ValueRef>>,
 }
+
+/// Puts a value together.
+pub type FromParts = Arc<dyn Fn(OwnedParts) -> Result<ValueRef, ValueError> + Send + Sync>;
 
 impl ValueType {
     /// The entry of `T`.
     pub fn of<T: Value>() -> Self {
-        Self { schema: T::schema(), from_parts: |parts| Ok(Arc::new(T::from_parts(parts)?)) }
+        let literal = T::literal().map(|l| LiteralSyntax { form: l.form, parse: |text| parse_literal::<T>(text) });
+        Self { schema: T::schema(), from_parts: Arc::new(|parts| Ok(Arc::new(T::from_parts(parts)?))), literal }
+    }
+}
+
+fn parse_literal<T: Value>(text: &str) -> Result<ValueRef, SettingError> {
+    match T::literal() {
+        Some(syntax) => (syntax.parse)(text).map(|value| Arc::new(value) as ValueRef),
+        None => Err(SettingError::whole(text, format!("expected a reference to {}, found a literal", T::NAME))),
     }
 }
 

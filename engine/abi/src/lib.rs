@@ -338,7 +338,7 @@ pub struct PbPlugin {
     pub abi_minor: u32,
     /// Nought.
     pub reserved: u32,
-    /// What the plugin holds: the text of its manifest but for `library` and `digest`.
+    /// What the plugin holds, as RON: what its manifest has at `plugin`.
     pub schema: PbText,
     /// Makes an instance of the node type at a position of the schema, with settings that are those of all its tasks. The task is there for errors alone.
     pub create: unsafe extern "C" fn(node: u32, task: *const PbTask, settings: *const PbSettings, instance: *mut *mut u8) -> u32,

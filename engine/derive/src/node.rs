@@ -141,7 +141,7 @@ fn input_schema(field: &Field) -> syn::Result<TokenStream> {
         literal: <#ty as ::pegbar_engine::node::Input>::literal_form(),
         files: <#ty as ::pegbar_engine::node::Input>::FILES,
         any_clock: #any_clock,
-        parse: <#ty as ::pegbar_engine::node::Input>::parse,
+        parse: ::std::sync::Arc::new(<#ty as ::pegbar_engine::node::Input>::parse),
     } })
 }
 

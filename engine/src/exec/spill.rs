@@ -187,6 +187,8 @@ fn bytes_mut(array: &mut Array) -> &mut [u8] {
         Data::I64(v) => bytemuck::cast_slice_mut(v),
         Data::U32(v) => bytemuck::cast_slice_mut(v),
         Data::U8(v) => v,
+        // What was just made lies in memory of its own.
+        Data::Shared(_) => &mut [],
     }
 }
 

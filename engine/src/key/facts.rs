@@ -127,7 +127,7 @@ pub(crate) fn facts(
     let spec = &graph.nodes[node];
     let schema = &spec.ty.schema;
     let fact = |kind, text: String| Fact { kind, input: String::new(), text };
-    let mut out = vec![fact(FactKind::Type, schema.id.to_owned()), fact(FactKind::Version, schema.version.to_string())];
+    let mut out = vec![fact(FactKind::Type, schema.id.to_owned()), fact(FactKind::Version, version(spec))];
     if spec.per_frame || sees_range(spec) {
         put_clock(&mut out, "", &spec.clock, sees_frame(spec), sees_range(spec));
     }
@@ -165,6 +165,15 @@ pub(crate) fn facts(
         }
     }
     Ok(out)
+}
+
+/// The version of a node's behaviour; of one out of a plugin also the plugin's, and what its library is.
+fn version(spec: &GraphNode) -> String {
+    let own = spec.ty.schema.version;
+    match spec.ty.operator.plugin() {
+        Some(plugin) => format!("{own}, {} {} ({})", plugin.name, plugin.version, plugin.digest),
+        None => own.to_string(),
+    }
 }
 
 fn put_wire(out: &mut Vec<Fact>, graph: &Graph, spec: &GraphNode, input: &InputSchema, port: Port) {

@@ -7,18 +7,32 @@ use super::error::NodeError;
 use crate::clock::Clock;
 
 /// A wish to stop, shared by the run and whoever may end it.
-#[derive(Clone, Debug, Default)]
-pub struct Cancel(Arc<AtomicBool>);
+#[derive(Clone, Default)]
+pub struct Cancel {
+    own: Arc<AtomicBool>,
+    outer: Option<Arc<dyn Fn() -> bool + Send + Sync>>,
+}
+
+impl std::fmt::Debug for Cancel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Cancel").field(&self.is_cancelled()).finish()
+    }
+}
 
 impl Cancel {
+    /// A wish that somebody else has, who is asked for it.
+    pub fn asking(outer: impl Fn() -> bool + Send + Sync + 'static) -> Self {
+        Self { own: Arc::default(), outer: Some(Arc::new(outer)) }
+    }
+
     /// Asks the run to stop.
     pub fn cancel(&self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.own.store(true, Ordering::Relaxed);
     }
 
     /// True once asked.
     pub fn is_cancelled(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.own.load(Ordering::Relaxed) || self.outer.as_ref().is_some_and(|outer| outer())
     }
 }
 

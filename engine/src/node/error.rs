@@ -21,6 +21,8 @@ pub enum Fault {
     Unsupported,
     /// The file system's.
     Io,
+    /// A plugin's: it is missing, refused, or breaks its contract.
+    Plugin,
     /// Pegbar's own.
     Internal,
 }

@@ -43,6 +43,11 @@ pub trait Operator: Send + Sync {
         None
     }
 
+    /// The plugin that it comes from; `None` for what Pegbar comes with.
+    fn plugin(&self) -> Option<&PluginId> {
+        None
+    }
+
     /// True where the settings by themselves make the output differ from frame to frame.
     ///
     /// # Errors
@@ -50,6 +55,17 @@ pub trait Operator: Send + Sync {
     fn is_per_frame(&self, _args: Vec<Arg>) -> Result<bool, NodeError> {
         Ok(false)
     }
+}
+
+/// A plugin, as keys and locks name it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PluginId {
+    /// Its name, which the ids of its nodes begin with.
+    pub name: String,
+    /// Its version, as `1.2.0`.
+    pub version: String,
+    /// Digest of its library, in hexadecimal.
+    pub digest: String,
 }
 
 /// The first step's answer.

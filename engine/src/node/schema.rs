@@ -1,14 +1,15 @@
 //! What a node type says of itself.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::input::Literal;
 use crate::setting::{Choice, FileUse, Place, SettingError};
 
 /// How a node reads time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
     /// Any frame by itself, from its inputs at the frames that it asks for.
@@ -24,7 +25,7 @@ pub enum Kind {
 }
 
 /// Which frames of an input a node reads for one of its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Access {
     /// The same frame, or the one value that there is.
@@ -105,7 +106,7 @@ pub struct InputSchema {
 }
 
 /// Reads a literal of an input, with the numbers in it that its range holds.
-pub type ParseLiteral = fn(&str, &Place) -> Result<(Literal, Vec<f64>), SettingError>;
+pub type ParseLiteral = Arc<dyn Fn(&str, &Place) -> Result<(Literal, Vec<f64>), SettingError> + Send + Sync>;
 
 /// The files that the contents of a file name, and that whoever reads it reads as well: a scene's buffers and textures. None where it cannot be read.
 pub type Beside = fn(&Path) -> Vec<PathBuf>;

@@ -546,6 +546,11 @@ fn slice(mut array: Array, idx: usize) -> Array {
         Data::I64(v) => Data::I64(part(v, idx, frames)),
         Data::U32(v) => Data::U32(part(v, idx, frames)),
         Data::U8(v) => Data::U8(part(v, idx, frames)),
+        Data::Shared(_) => {
+            let mut own = array.view().to_array();
+            own.shape.insert(0, frames);
+            return slice(own, idx);
+        }
     };
     Array { data, ..array }
 }

@@ -13,7 +13,7 @@
 //! ```
 
 use nalgebra::Vector3;
-use pegbar_engine::array::{Data, NdArray};
+use pegbar_engine::array::NdArray;
 use pegbar_engine::node::{AnySequence, Context, NodeError, Whole};
 use pegbar_engine::value::{Curve, ValueRef, Vector, downcast};
 use pegbar_engine::{Node, Outputs};
@@ -69,17 +69,7 @@ pub(crate) struct BasisPcaOutputs {
 
 /// All numbers of a value, array by array.
 pub(crate) fn numbers(value: &ValueRef) -> Vec<f64> {
-    let mut all = Vec::new();
-    for (_, view) in value.parts().arrays {
-        match view.to_array().data {
-            Data::F32(v) => all.extend(v.into_iter().map(f64::from)),
-            Data::F64(v) => all.extend(v),
-            Data::I64(v) => all.extend(v.into_iter().map(|x| x as f64)),
-            Data::U32(v) => all.extend(v.into_iter().map(f64::from)),
-            Data::U8(v) => all.extend(v.into_iter().map(f64::from)),
-        }
-    }
-    all
+    value.parts().arrays.iter().flat_map(|(_, view)| view.numbers()).collect()
 }
 
 impl BasisPca {

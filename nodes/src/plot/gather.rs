@@ -1,6 +1,5 @@
 //! Values of any type as curves, gathered into groups that share an axis.
 
-use pegbar_engine::array::Data;
 use pegbar_engine::node::{AnySequence, NodeError};
 use pegbar_engine::value::{TimeMap, Value, ValueRef};
 
@@ -66,12 +65,5 @@ fn numbers(value: &ValueRef) -> Result<Vec<f64>, NodeError> {
         let found = format!("expected values of 1 to {MOST} numbers, found {} of {count}", value.type_name());
         return Err(NodeError::input(found).help("plot.curves is for curves, vectors, weights, motions and time maps"));
     }
-    let wide = |data: Data| match data {
-        Data::F32(v) => v.into_iter().map(f64::from).collect::<Vec<f64>>(),
-        Data::F64(v) => v,
-        Data::I64(v) => v.into_iter().map(|n| n as f64).collect(),
-        Data::U32(v) => v.into_iter().map(f64::from).collect(),
-        Data::U8(v) => v.into_iter().map(f64::from).collect(),
-    };
-    Ok(parts.arrays.iter().flat_map(|(_, a)| wide(a.to_array().data)).collect())
+    Ok(parts.arrays.iter().flat_map(|(_, a)| a.numbers()).collect())
 }

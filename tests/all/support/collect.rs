@@ -54,7 +54,7 @@ fn schema() -> NodeSchema {
         literal: None,
         files: FileUse::None,
         any_clock: false,
-        parse: |text, _| Err(SettingError::whole(text, "expected a reference, found a literal")),
+        parse: Arc::new(|text, _| Err(SettingError::whole(text, "expected a reference, found a literal"))),
     };
     NodeSchema {
         id: "test.collect",

@@ -1,0 +1,523 @@
+//! The host's side of the border: what a plugin may call, and the rows of structs that it is shown.
+#![allow(unsafe_code, reason = "the C ABI of plugins; each block says what it relies on")]
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use pegbar_abi::{
+    PB_ABI_MAJOR, PB_ABI_MINOR, PB_CANCELLED, PB_F32, PB_F64, PB_FAILED, PB_FAULT_INPUT, PB_FAULT_IO, PB_FAULT_LIMIT, PB_FAULT_NUMERIC,
+    PB_FAULT_PARAMETERS, PB_FAULT_UNSUPPORTED, PB_I64, PB_MAX_RANK, PB_OK, PB_PANICKED, PB_PORT_FRAMES, PB_PORT_NUMBER, PB_PORT_SEQUENCE,
+    PB_PORT_VALUE, PB_TASK_SUITE, PB_U8, PB_U32, PB_VALUE_SUITE, PbArray, PbBlock, PbClock, PbHost, PbPort, PbSetting, PbSettings, PbTask,
+    PbTaskSuite, PbText, PbValue, PbValueSuite,
+};
+
+use super::call::{Feed, Made, MadeOf, Request, Response, Settings};
+use crate::array::{Array, DType, Data};
+use crate::clock::Clock;
+use crate::node::{Fault, NodeError};
+use crate::value::{Meta, OwnedParts, ValueRef};
+
+/// The size of a struct as the ABI says it.
+pub(super) const fn size<T>() -> u32 {
+    size_of::<T>() as u32
+}
+
+const fn text(text: &str) -> PbText {
+    PbText::new(text)
+}
+
+/// The text that a plugin hands over, as far as it is one.
+///
+/// # Safety
+/// `text` points at as many bytes as it says, for the length of the call.
+pub(super) unsafe fn read_text(text: PbText) -> String {
+    if text.data.is_null() || text.size == 0 {
+        return String::new();
+    }
+    // SAFETY: the caller vouches for the bytes, and null was seen to.
+    let bytes = unsafe { std::slice::from_raw_parts(text.data, text.size as usize) };
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// A struct of pointers to what lives as long as the process.
+struct Forever<T>(T);
+
+// SAFETY: it is never written, and neither is what it leads to.
+unsafe impl<T> Sync for Forever<T> {}
+
+/// What every plugin is shown.
+pub(super) fn host() -> &'static PbHost {
+    &HOST.0
+}
+
+static HOST: Forever<PbHost> = Forever(PbHost {
+    struct_size: size::<PbHost>(),
+    abi_major: PB_ABI_MAJOR,
+    abi_minor: PB_ABI_MINOR,
+    reserved: 0,
+    name: text(concat!("pegbar ", env!("CARGO_PKG_VERSION"))),
+    suite,
+});
+
+static VALUES: PbValueSuite =
+    PbValueSuite { struct_size: size::<PbValueSuite>(), version: 1, alloc, free, put, array, meta, pass, fetch, hold, release };
+
+static TASKS: PbTaskSuite =
+    PbTaskSuite { struct_size: size::<PbTaskSuite>(), version: 1, is_cancelled, progress, log, error, need, need_state };
+
+unsafe extern "C" fn suite(name: PbText, version: u32) -> *const u8 {
+    // SAFETY: the plugin hands over a text.
+    match (unsafe { read_text(name) }.as_str(), version) {
+        (PB_VALUE_SUITE, 1) => (&raw const VALUES).cast(),
+        (PB_TASK_SUITE, 1) => (&raw const TASKS).cast(),
+        _ => std::ptr::null(),
+    }
+}
+
+fn dtype_code(dtype: DType) -> u32 {
+    match dtype {
+        DType::F32 => PB_F32,
+        DType::F64 => PB_F64,
+        DType::I64 => PB_I64,
+        DType::U32 => PB_U32,
+        DType::U8 => PB_U8,
+    }
+}
+
+/// Memory of `count` noughts; `None` where the type is none, or there is not that much.
+fn zeroed(dtype: u32, count: u64) -> Option<Data> {
+    let count = usize::try_from(count).ok()?;
+    Some(match dtype {
+        PB_F32 => Data::F32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        PB_F64 => Data::F64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        PB_I64 => Data::I64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        PB_U32 => Data::U32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        PB_U8 => Data::U8(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        _ => return None,
+    })
+}
+
+fn elements(data: &mut Data) -> (*mut u8, u64) {
+    let bytes = match data {
+        Data::F32(v) => bytemuck::cast_slice_mut(v),
+        Data::F64(v) => bytemuck::cast_slice_mut(v),
+        Data::I64(v) => bytemuck::cast_slice_mut(v),
+        Data::U32(v) => bytemuck::cast_slice_mut(v),
+        Data::U8(v) => v,
+        Data::Shared(_) => &mut [],
+    };
+    (bytes.as_mut_ptr(), bytes.len() as u64)
+}
+
+/// A block and the memory that it shows. The plugin sees the first field.
+#[repr(C)]
+struct Owned {
+    seen: PbBlock,
+    data: Data,
+}
+
+unsafe extern "C" fn alloc(dtype: u32, count: u64) -> *mut PbBlock {
+    let Some(mut data) = zeroed(dtype, count) else { return std::ptr::null_mut() };
+    let (start, bytes) = elements(&mut data);
+    let seen = PbBlock { struct_size: size::<PbBlock>(), dtype, data: start, bytes };
+    Box::into_raw(Box::new(Owned { seen, data })).cast()
+}
+
+/// # Safety
+/// `block` came from [`alloc`], and was neither freed nor put.
+unsafe fn take(block: *mut PbBlock) -> Option<Data> {
+    // SAFETY: as the caller says, so it is the box that `alloc` made.
+    (!block.is_null()).then(|| unsafe { Box::from_raw(block.cast::<Owned>()) }.data)
+}
+
+unsafe extern "C" fn free(block: *mut PbBlock) {
+    // SAFETY: the plugin frees what it got, once.
+    drop(unsafe { take(block) });
+}
+
+/// A value as a plugin sees it; the first field is what it gets a pointer to.
+#[repr(C)]
+pub(super) struct Held {
+    seen: PbValue,
+    arrays: Vec<PbArray>,
+    meta: String,
+    value: ValueRef,
+}
+
+// SAFETY: the pointers lead into the value and the rows beside them, all of which live as long as this does and are never written.
+unsafe impl Send for Held {}
+// SAFETY: as above.
+unsafe impl Sync for Held {}
+
+impl Held {
+    pub(super) fn new(value: ValueRef) -> Arc<Self> {
+        let parts = value.parts();
+        let array = |(name, view): &(&'static str, crate::array::ArrayView<'_>)| {
+            let mut shape = [0; PB_MAX_RANK as usize];
+            shape.iter_mut().zip(view.shape.iter()).for_each(|(to, &from)| *to = from as u64);
+            PbArray {
+                struct_size: size::<PbArray>(),
+                dtype: dtype_code(view.dtype),
+                rank: view.shape.len() as u32,
+                reserved: 0,
+                name: text(name),
+                shape,
+                data: view.bytes.as_ptr(),
+                bytes: view.bytes.len() as u64,
+            }
+        };
+        let arrays: Vec<PbArray> = parts.arrays.iter().map(array).collect();
+        let meta = if parts.meta.is_empty() { String::new() } else { serde_json::Value::Object(parts.meta).to_string() };
+        let seen = PbValue {
+            struct_size: size::<PbValue>(),
+            array_count: arrays.len() as u32,
+            arrays: arrays.as_ptr(),
+            type_name: text(value.type_name()),
+            meta: text(if meta.is_empty() { "{}" } else { &meta }),
+        };
+        Arc::new(Self { seen, arrays, meta, value })
+    }
+
+    fn shown(this: &Arc<Self>) -> *const PbValue {
+        debug_assert_eq!(this.seen.array_count as usize, this.arrays.len());
+        debug_assert!(this.meta.is_empty() || this.seen.meta.size == this.meta.len() as u64);
+        Arc::as_ptr(this).cast()
+    }
+}
+
+unsafe extern "C" fn hold(value: *const PbValue) {
+    if !value.is_null() {
+        // SAFETY: every value that a plugin sees is the first field of a `Held` within an `Arc`, alive while it may be looked at.
+        unsafe { Arc::increment_strong_count(value.cast::<Held>()) };
+    }
+}
+
+unsafe extern "C" fn release(value: *const PbValue) {
+    if !value.is_null() {
+        // SAFETY: as in `hold`; the plugin lets go of what it held or fetched, once each time.
+        unsafe { Arc::decrement_strong_count(value.cast::<Held>()) };
+    }
+}
+
+/// A value that is being put out.
+#[derive(Default)]
+struct Making {
+    arrays: Vec<(String, Vec<usize>, Data)>,
+    meta: Option<Meta>,
+    passed: Option<ValueRef>,
+}
+
+#[derive(Default)]
+struct Answer {
+    making: BTreeMap<(u32, u64), Making>,
+    needs: Vec<(u32, i64)>,
+    previous: Option<i64>,
+    error: Option<NodeError>,
+}
+
+/// One call of a plugin: what it is shown, and what it answers.
+pub(super) struct Call<'a> {
+    request: &'a Request<'a>,
+    plugin: &'a str,
+    answer: Mutex<Answer>,
+}
+
+impl<'a> Call<'a> {
+    pub(super) fn new(request: &'a Request<'a>, plugin: &'a str) -> Self {
+        Self { request, plugin, answer: Mutex::default() }
+    }
+
+    fn answer(&self) -> MutexGuard<'_, Answer> {
+        self.answer.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn refuse(&self, why: String) {
+        let error = NodeError::new(Fault::Plugin, format!("{}: {why}", self.plugin));
+        self.answer().error.get_or_insert(error);
+    }
+
+    /// Shows the plugin the task while `run` calls it.
+    pub(super) fn show(&self, run: impl FnOnce(*const PbTask) -> u32) -> u32 {
+        let rows: Vec<Row> = self.request.ports.iter().map(Row::new).collect();
+        let ports: Vec<PbPort> = rows.iter().zip(&self.request.ports).map(|(row, port)| row.port(port.input)).collect();
+        let state = self.request.state.clone().map(Held::new);
+        let clock = shown_clock(self.request.clock);
+        let task = PbTask {
+            struct_size: size::<PbTask>(),
+            port_count: ports.len() as u32,
+            frame: self.request.frame,
+            clock: &raw const clock,
+            ports: ports.as_ptr(),
+            state: state.as_ref().map_or(std::ptr::null(), Held::shown),
+            host: (&raw const *self).cast(),
+        };
+        run(&raw const task)
+    }
+
+    /// What came of the call.
+    pub(super) fn end(self, status: u32) -> Result<Response, NodeError> {
+        let plugin = self.plugin;
+        let broken = |why: String| NodeError::new(Fault::Plugin, format!("{plugin}: {why}"));
+        let is_cancelled = self.request.cancel.is_cancelled();
+        let answer = self.answer.into_inner().unwrap_or_else(PoisonError::into_inner);
+        match (status, answer.error) {
+            (PB_CANCELLED, _) if is_cancelled => return Err(NodeError::stopped()),
+            (PB_PANICKED, Some(error)) => {
+                let help = "this is a fault of the plugin's code: please tell its makers, with the graph and the inputs";
+                return Err(broken(format!("panicked: {}", error.message)).help(help));
+            }
+            (_, Some(error)) => return Err(error),
+            (PB_OK, None) => {}
+            (PB_CANCELLED, None) => return Err(broken("expected it to stop only when asked, found it stopped".to_owned())),
+            (status, None) => return Err(broken(format!("expected a reason for its failure, found status {status} alone"))),
+        }
+        let made = answer.making.into_iter().map(|((output, index), making)| Made { output, index, what: making.into() });
+        Ok(Response { made: made.collect(), needs: answer.needs, previous: answer.previous })
+    }
+
+    fn put(&self, output: u32, index: u64, name: String, shape: Option<Vec<usize>>, data: Option<Data>) -> Result<*mut u8, String> {
+        let data = data.ok_or_else(|| format!("array `{name}`: expected memory for it, found none"))?;
+        let shape = shape.ok_or_else(|| format!("array `{name}`: expected at most {PB_MAX_RANK} axes that fit into memory"))?;
+        let mut array = Array { shape, data };
+        let (needs, has) = (array.shape.iter().try_fold(array.dtype().size(), |n, &d| n.checked_mul(d)), array.view().bytes.len());
+        if needs != Some(has) {
+            let described = crate::array::describe(array.dtype(), &array.shape);
+            return Err(format!("array `{name}`: expected {described}, found {has} bytes"));
+        }
+        let start = elements(&mut array.data).0;
+        let mut answer = self.answer();
+        let making = answer.making.entry((output, index)).or_default();
+        if making.passed.is_some() || making.arrays.iter().any(|(n, _, _)| *n == name) {
+            return Err(format!("array `{name}` of output {output}: expected it once, found it put out twice"));
+        }
+        making.arrays.push((name, array.shape, array.data));
+        Ok(start)
+    }
+}
+
+impl From<Making> for MadeOf {
+    fn from(making: Making) -> Self {
+        match making.passed {
+            Some(value) => Self::Passed(value),
+            None => {
+                let arrays = making.arrays.into_iter().map(|(name, shape, data)| (name, Array { shape, data })).collect();
+                Self::Parts(OwnedParts { arrays, meta: making.meta.unwrap_or_default() })
+            }
+        }
+    }
+}
+
+fn shown_clock(clock: &Clock) -> PbClock {
+    PbClock {
+        struct_size: size::<PbClock>(),
+        fps_numerator: clock.fps.0,
+        fps_denominator: clock.fps.1,
+        reserved: 0,
+        first: clock.first,
+        last: clock.last,
+        name: text(&clock.name),
+    }
+}
+
+/// What a port's pointers lead to.
+struct Row {
+    kind: u32,
+    count: u64,
+    /// Holds what `values` leads to.
+    _held: Vec<Arc<Held>>,
+    values: Vec<*const PbValue>,
+    frames: Vec<i64>,
+    number: f64,
+    clock: Option<PbClock>,
+}
+
+impl Row {
+    fn new(port: &super::call::Port) -> Self {
+        let (kind, held, frames, number) = match &port.feed {
+            Feed::Value(value) => (PB_PORT_VALUE, vec![Held::new(value.clone())], Vec::new(), 0.0),
+            Feed::Frames(list) => {
+                let held = list.iter().map(|(_, value)| Held::new(value.clone())).collect();
+                (PB_PORT_FRAMES, held, list.iter().map(|(frame, _)| *frame).collect(), 0.0)
+            }
+            Feed::Sequence(_) => (PB_PORT_SEQUENCE, Vec::new(), Vec::new(), 0.0),
+            Feed::Number(number) => (PB_PORT_NUMBER, Vec::new(), Vec::new(), *number),
+        };
+        let count = if let Feed::Sequence(values) = &port.feed { values.len() as u64 } else { held.len() as u64 };
+        let values = held.iter().map(Held::shown).collect();
+        Self { kind, count, _held: held, values, frames, number, clock: port.clock.as_deref().map(shown_clock) }
+    }
+
+    fn port(&self, input: u32) -> PbPort {
+        PbPort {
+            struct_size: size::<PbPort>(),
+            input,
+            kind: self.kind,
+            reserved: 0,
+            count: self.count,
+            values: self.values.as_ptr(),
+            frames: self.frames.as_ptr(),
+            number: self.number,
+            clock: self.clock.as_ref().map_or(std::ptr::null(), |clock| &raw const *clock),
+        }
+    }
+}
+
+/// Shows the plugin settings while `run` calls it.
+pub(super) fn show_settings<R>(settings: &Settings, run: impl FnOnce(*const PbSettings) -> R) -> R {
+    let one = |(input, data): &(u32, super::settings::SettingData)| PbSetting {
+        struct_size: size::<PbSetting>(),
+        input: *input,
+        ron: text(&data.ron),
+        text: text(&data.text),
+        numbers: data.numbers.as_ptr(),
+        wholes: data.wholes.as_ptr(),
+        count: data.numbers.len() as u64,
+    };
+    let rows: Vec<PbSetting> = settings.items.iter().map(one).collect();
+    run(&PbSettings { struct_size: size::<PbSettings>(), count: rows.len() as u32, settings: rows.as_ptr() })
+}
+
+/// The call that a task belongs to.
+///
+/// # Safety
+/// `task` is what [`Call::show`] shows, and its call runs.
+unsafe fn call<'a>(task: *const PbTask) -> Option<&'a Call<'a>> {
+    // SAFETY: as the caller says, `host` leads to the call, which lives as long as the task is shown.
+    unsafe { task.as_ref().and_then(|task| task.host.cast::<Call<'a>>().as_ref()) }
+}
+
+/// # Safety
+/// `shape` leads to `rank` extents.
+unsafe fn read_shape(rank: u32, shape: *const u64) -> Option<Vec<usize>> {
+    if rank > PB_MAX_RANK || (rank > 0 && shape.is_null()) {
+        return None;
+    }
+    // SAFETY: as the caller says, and of rank nought nothing is read.
+    (0..rank as usize).map(|i| usize::try_from(unsafe { *shape.add(i) }).ok()).collect()
+}
+
+fn status(call: &Call, result: Result<(), String>) -> u32 {
+    match result {
+        Ok(()) => PB_OK,
+        Err(why) => {
+            call.refuse(why);
+            PB_FAILED
+        }
+    }
+}
+
+unsafe extern "C" fn put(
+    task: *const PbTask,
+    output: u32,
+    index: u64,
+    name: PbText,
+    rank: u32,
+    shape: *const u64,
+    block: *mut PbBlock,
+) -> u32 {
+    // SAFETY: the plugin hands over the task that it was shown, a text, `rank` extents, and a block of its own.
+    let (call, name, shape, data) = unsafe { (call(task), read_text(name), read_shape(rank, shape), take(block)) };
+    call.map_or(PB_FAILED, |call| status(call, call.put(output, index, name, shape, data).map(drop)))
+}
+
+unsafe extern "C" fn array(
+    task: *const PbTask,
+    output: u32,
+    index: u64,
+    name: PbText,
+    dtype: u32,
+    rank: u32,
+    shape: *const u64,
+) -> *mut u8 {
+    // SAFETY: the plugin hands over the task that it was shown, a text, and `rank` extents.
+    let (call, name, shape) = unsafe { (call(task), read_text(name), read_shape(rank, shape)) };
+    let Some(call) = call else { return std::ptr::null_mut() };
+    let count = shape.as_ref().and_then(|s| s.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)));
+    let data = count.and_then(|count| zeroed(dtype, count));
+    call.put(output, index, name, shape, data).unwrap_or_else(|why| {
+        call.refuse(why);
+        std::ptr::null_mut()
+    })
+}
+
+unsafe extern "C" fn meta(task: *const PbTask, output: u32, index: u64, json: PbText) -> u32 {
+    // SAFETY: the plugin hands over the task that it was shown, and a text.
+    let (call, json) = unsafe { (call(task), read_text(json)) };
+    let Some(call) = call else { return PB_FAILED };
+    let read = serde_json::from_str::<Meta>(&json).map_err(|e| format!("text of output {output}: expected one JSON object: {e}"));
+    status(call, read.map(|meta| call.answer().making.entry((output, index)).or_default().meta = Some(meta)))
+}
+
+unsafe extern "C" fn pass(task: *const PbTask, output: u32, index: u64, value: *const PbValue) -> u32 {
+    // SAFETY: the plugin hands over the task that it was shown, and a value that it may look at, which is the first field of a `Held`.
+    let (call, value) = unsafe { (call(task), value.cast::<Held>().as_ref()) };
+    let (Some(call), Some(held)) = (call, value) else { return PB_FAILED };
+    let mut answer = call.answer();
+    let making = answer.making.entry((output, index)).or_default();
+    making.passed = Some(held.value.clone());
+    PB_OK
+}
+
+unsafe extern "C" fn fetch(task: *const PbTask, port: u32, index: u64) -> *const PbValue {
+    // SAFETY: the plugin hands over the task that it was shown.
+    let Some(call) = (unsafe { call(task) }) else { return std::ptr::null() };
+    let Some(Feed::Sequence(values)) = call.request.ports.get(port as usize).map(|p| &p.feed) else {
+        call.refuse(format!("expected a sequence to fetch from, found port {port}"));
+        return std::ptr::null();
+    };
+    match values.get(usize::try_from(index).unwrap_or(usize::MAX)) {
+        Ok(value) => Arc::into_raw(Held::new(value)).cast(),
+        Err(error) => {
+            call.answer().error.get_or_insert(error);
+            std::ptr::null()
+        }
+    }
+}
+
+unsafe extern "C" fn is_cancelled(task: *const PbTask) -> u32 {
+    // SAFETY: the plugin hands over the task that it was shown.
+    u32::from(unsafe { call(task) }.is_some_and(|call| call.request.cancel.is_cancelled()))
+}
+
+unsafe extern "C" fn progress(_task: *const PbTask, _done: f64) {}
+
+unsafe extern "C" fn log(task: *const PbTask, level: u32, message: PbText) {
+    // SAFETY: the plugin hands over the task that it was shown, and a text.
+    let (call, message) = unsafe { (call(task), read_text(message)) };
+    if let Some(call) = call.filter(|_| level >= pegbar_abi::PB_LOG_WARNING) {
+        eprintln!("{} at frame {}: {message}", call.plugin, call.request.frame);
+    }
+}
+
+unsafe extern "C" fn error(task: *const PbTask, fault: u32, message: PbText, help: PbText) {
+    // SAFETY: the plugin hands over the task that it was shown, and texts.
+    let (call, message, help) = unsafe { (call(task), read_text(message), read_text(help)) };
+    let Some(call) = call else { return };
+    let fault = match fault {
+        PB_FAULT_PARAMETERS => Fault::Parameters,
+        PB_FAULT_INPUT => Fault::Input,
+        PB_FAULT_NUMERIC => Fault::Numeric,
+        PB_FAULT_LIMIT => Fault::Limit,
+        PB_FAULT_UNSUPPORTED => Fault::Unsupported,
+        PB_FAULT_IO => Fault::Io,
+        _ => Fault::Plugin,
+    };
+    let failed = NodeError::new(fault, message);
+    call.answer().error.get_or_insert(if help.is_empty() { failed } else { failed.help(help) });
+}
+
+unsafe extern "C" fn need(task: *const PbTask, input: u32, frame: i64) -> u32 {
+    // SAFETY: the plugin hands over the task that it was shown.
+    unsafe { call(task) }.map_or(PB_FAILED, |call| {
+        call.answer().needs.push((input, frame));
+        PB_OK
+    })
+}
+
+unsafe extern "C" fn need_state(task: *const PbTask, frame: i64) -> u32 {
+    // SAFETY: the plugin hands over the task that it was shown.
+    unsafe { call(task) }.map_or(PB_FAILED, |call| {
+        call.answer().previous = Some(frame);
+        PB_OK
+    })
+}
