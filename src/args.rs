@@ -72,6 +72,14 @@ Exit codes:
   0  it is done
   1  verify found damage, gc could not reach its aim, or the folder could not be read
   2  the command line is wrong";
+
+const PLUGIN_EXAMPLES: &str = "Examples:
+  pegbar plugin manifest target/release/libgrain.so   writes target/release/grain.plugin.ron
+  pegbar plugin lock shot.ron --plugins plugins       pins what shot.ron uses now
+  pegbar nodes --plugins plugins                      lists the node types of plugins too
+  pegbar run shot.ron --plugins plugins               runs a graph with them
+
+A graph may name its plugins itself: plugins: [\"../plugins/grain\"].";
 const PLAN_EXAMPLES: &str = "Examples:
   pegbar plan hat.ron                    what `pegbar run hat.ron` would do now
   pegbar plan hat.ron --memory 1GiB      whether it fits, and which node takes most
@@ -148,6 +156,9 @@ A file that is no RON is left alone, and what is wrong with it is said.";
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
+    /// Plugins that may be used: a manifest NAME.plugin.ron, or a folder of them; several times. PEGBAR_PLUGINS names more.
+    #[arg(long, value_name = "PATH", global = true)]
+    pub(crate) plugins: Vec<PathBuf>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -209,6 +220,9 @@ pub(crate) enum Command {
     /// Say where a setting comes from: every layer that says something of it, with file and line.
     #[command(after_help = WHOSE_EXAMPLES)]
     Whose(WhoseArgs),
+    /// Look after plugins: write the manifest of a library, pin the plugins of a graph.
+    #[command(subcommand, after_help = PLUGIN_EXAMPLES)]
+    Plugin(PluginCommand),
     /// Print a completion script for a shell.
     #[command(
         after_help = "Examples:\n  pegbar completions bash > ~/.local/share/bash-completion/completions/pegbar\n  pegbar completions zsh > ~/.zfunc/_pegbar"
@@ -251,6 +265,7 @@ impl GraphArgs {
             shot: self.shot.clone(),
             site: self.site.clone(),
             library: self.library.clone(),
+            unlocked: false,
         }
     }
 }
@@ -408,6 +423,19 @@ pub(crate) enum CacheCommand {
         #[command(flatten)]
         folder: CacheFolder,
     },
+}
+
+/// What to do with plugins.
+#[derive(Debug, Subcommand)]
+pub(crate) enum PluginCommand {
+    /// Load a library and write its manifest NAME.plugin.ron beside it, or update it. Runs code of the library.
+    Manifest {
+        /// Library of the plugin.
+        #[arg(value_name = "LIBRARY")]
+        library: PathBuf,
+    },
+    /// Pin the plugins that a graph uses: writes their digests to pegbar.lock beside it. Loads none of them.
+    Lock(GraphArgs),
 }
 
 /// Which cache.

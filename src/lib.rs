@@ -18,6 +18,7 @@ mod list;
 mod new;
 mod observers;
 mod plan;
+mod plugin;
 mod pool;
 mod progress;
 mod replay;
@@ -53,6 +54,10 @@ where
         Ok(cli) => cli,
         Err(error) => return console.clap(&error),
     };
+    let registry = &match plugin::registry(registry, &cli.plugins, console) {
+        Ok(registry) => registry,
+        Err(code) => return code,
+    };
     match cli.command {
         args::Command::Run(args) => run::run(&args, registry, console),
         args::Command::Replay(args) => replay::replay(&args, registry, console),
@@ -64,6 +69,7 @@ where
         args::Command::Fmt(args) => fmt::fmt(&args, console),
         args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Plan(args) => plan::plan(&args, registry, console),
+        args::Command::Plugin(command) => plugin::plugin(&command, registry, console),
         args::Command::Why(args) => why::why(&args, registry, console),
         args::Command::New(command) => new::new(&command, console),
         args::Command::Edit(args) => edit::edit(&args, console),

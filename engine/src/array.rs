@@ -211,6 +211,11 @@ pub trait ArrayField: Sized {
     /// Where element type or shape are not the field's.
     fn from_array(array: Array) -> Result<Self, ArrayError>;
 
+    /// Takes the elements out where they lie in memory of somebody else's; the field is empty then.
+    fn take_block(&mut self) -> Option<Box<dyn Block>> {
+        None
+    }
+
     /// The field as an array view.
     fn view(&self) -> ArrayView<'_> {
         ArrayView { dtype: Self::DTYPE, shape: self.shape(), bytes: self.bytes() }
@@ -228,6 +233,9 @@ impl<A: ArrayField> ArrayField for Arc<A> {
     }
     fn from_array(array: Array) -> Result<Self, ArrayError> {
         A::from_array(array).map(Arc::new)
+    }
+    fn take_block(&mut self) -> Option<Box<dyn Block>> {
+        Arc::get_mut(self).and_then(A::take_block)
     }
 }
 

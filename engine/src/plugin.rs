@@ -18,7 +18,7 @@ mod suite;
 use std::path::Path;
 
 pub use find::{Found, find, found_in};
-pub use library::describe;
+pub use library::{describe, digest};
 pub use lock::{LOCK, Lock};
 pub use manifest::{
     ArrayText, Description, ENDING, InputText, LibraryFile, Manifest, NodeText, OutputText, PortType, TextText, Threads, TypeText, platform,

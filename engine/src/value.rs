@@ -7,7 +7,7 @@ use std::sync::Arc;
 use serde::Serialize;
 use thiserror::Error;
 
-use crate::array::{Array, ArrayError, ArrayView, DType, Shape};
+use crate::array::{Array, ArrayError, ArrayView, Block, DType, Shape};
 use crate::setting::{Setting, SettingError};
 
 /// Text metadata of a value: one JSON object.
@@ -139,6 +139,10 @@ pub trait Value: Send + Sync + Sized + fmt::Debug + 'static {
     fn size(&self) -> usize;
     /// Extents of its first array, for messages: cheap enough to be asked for at every task.
     fn first_shape(&self) -> Shape;
+    /// Takes the elements of an array out where they lie in memory of somebody else's; the array is empty then.
+    fn take_block(&mut self, _array: &str) -> Option<Box<dyn Block>> {
+        None
+    }
     /// Reads it from a literal of a graph file; `None` where the type cannot be written there.
     fn literal() -> Option<LiteralSyntax<Self>> {
         None
@@ -169,6 +173,10 @@ pub trait AnyValue: Send + Sync + fmt::Debug + 'static {
     fn size(&self) -> usize;
     /// Extents of its first array.
     fn first_shape(&self) -> Shape;
+    /// As [`Value::take_block`].
+    fn take_block(&mut self, _array: &str) -> Option<Box<dyn Block>> {
+        None
+    }
     /// For downcasting.
     fn into_any(self: Arc<Self>) -> Arc<dyn Any + Send + Sync>;
 }
@@ -185,6 +193,9 @@ impl<T: Value> AnyValue for T {
     }
     fn first_shape(&self) -> Shape {
         Value::first_shape(self)
+    }
+    fn take_block(&mut self, array: &str) -> Option<Box<dyn Block>> {
+        Value::take_block(self, array)
     }
     fn into_any(self: Arc<Self>) -> Arc<dyn Any + Send + Sync> {
         self

@@ -70,7 +70,8 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
     let attrs = struct_attrs(input)?;
     let name = attrs.name.map_or_else(|| ident.to_string(), |n| n.value());
     let about = doc(&input.attrs, ident, "a value type")?;
-    let (mut arrays, mut texts, mut views, mut metas, mut builds, mut sizes) = (vec![], vec![], vec![], vec![], vec![], vec![]);
+    let (mut arrays, mut texts, mut views, mut metas, mut builds, mut sizes, mut takes) =
+        (vec![], vec![], vec![], vec![], vec![], vec![], vec![]);
     let mut first = None;
     for field in fields(input)? {
         let (fname, ty) = (&field.ident, &field.ty);
@@ -81,6 +82,7 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
                 first.get_or_insert(fname);
                 arrays.push(quote! { ::pegbar_engine::value::ArraySchema { name: #key, dtype: <#ty as ::pegbar_engine::array::ArrayField>::DTYPE, shape: #shape, optional: #optional, doc: #doc } });
                 views.push(quote! { (#key, ::pegbar_engine::array::ArrayField::view(&self.#fname)) });
+                takes.push(quote! { #key => ::pegbar_engine::array::ArrayField::take_block(&mut self.#fname), });
                 sizes.push(quote! { ::pegbar_engine::array::ArrayField::bytes(&self.#fname).len() });
                 let read = |array| {
                     quote! { ::pegbar_engine::array::ArrayField::from_array(#array)
@@ -132,6 +134,12 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
             }
             fn size(&self) -> usize {
                 0 #( + #sizes)*
+            }
+            fn take_block(&mut self, array: &str) -> Option<Box<dyn ::pegbar_engine::array::Block>> {
+                match array {
+                    #(#takes)*
+                    _ => None,
+                }
             }
             fn first_shape(&self) -> ::pegbar_engine::array::Shape {
                 #first_shape

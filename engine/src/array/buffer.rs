@@ -60,6 +60,8 @@ impl PartialEq for Shared {
 pub trait Block: Bytes {
     /// The bytes.
     fn bytes_mut(&mut self) -> &mut [u8];
+    /// What its maker knows it by.
+    fn handle(&self) -> usize;
 }
 
 /// Makes memory for a number of elements, noughts at first; `None` where it has none.
@@ -187,6 +189,15 @@ impl<T: Element, const D: usize> ArrayField for Buffer<T, D> {
     fn bytes(&self) -> &[u8] {
         bytemuck::cast_slice(self)
     }
+    fn take_block(&mut self) -> Option<Box<dyn Block>> {
+        match std::mem::take(self) {
+            Self { store: Store::Block(block), .. } => Some(block),
+            kept => {
+                *self = kept;
+                None
+            }
+        }
+    }
     fn from_array(array: Array) -> Result<Self, ArrayError> {
         let refused = ArrayError { expected: format!("{} of {D} axes", T::DTYPE), found: describe(array.dtype(), &array.shape) };
         let Ok(shape) = <[usize; D]>::try_from(array.shape.as_slice()) else { return Err(refused) };
@@ -218,6 +229,9 @@ mod tests {
         fn bytes_mut(&mut self) -> &mut [u8] {
             bytemuck::cast_slice_mut(&mut self.0)
         }
+        fn handle(&self) -> usize {
+            7
+        }
     }
 
     #[test]
@@ -239,8 +253,10 @@ mod tests {
     fn a_buffer_lies_where_the_allocator_puts_it() {
         let allocate: Allocate = |dtype, len| Some(Box::new(Lent(vec![0; (dtype.size() * len).div_ceil(8)])));
         let made = with_allocator(allocate, || Buffer::<f32, 2>::zeroed([2, 3]).unwrap());
-        assert!(matches!(made.store, Store::Block(_)));
         assert_eq!((made.len(), made.shape()), (6, [2, 3]));
+        let mut made = made;
+        assert_eq!(made.take_block().map(|b| b.handle()), Some(7));
+        assert!(made.take_block().is_none() && made.is_empty());
         assert!(matches!(Buffer::<f32, 2>::zeroed([2, 3]).unwrap().store, Store::Own(_)));
         assert!(Buffer::<f32, 2>::zeroed([usize::MAX, 3]).is_none());
     }

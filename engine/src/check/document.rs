@@ -65,7 +65,7 @@ pub(super) struct NodeSource {
     pub(super) given: BTreeMap<String, (Given, Span)>,
 }
 
-const FIELDS: [&str; 8] = ["pegbar", "doc", "version", "frames", "clocks", "params", "nodes", "outputs"];
+const FIELDS: [&str; 9] = ["pegbar", "doc", "version", "plugins", "frames", "clocks", "params", "nodes", "outputs"];
 /// Graphs within each other.
 const MAX_NESTED: usize = 64;
 /// Graphs in all: more is a graph that uses itself in ever new ways.
@@ -117,6 +117,9 @@ impl Checker<'_> {
         let fields = self.fields(file, root, &FIELDS, "a graph");
         self.text_field(file, &fields, "doc");
         self.text_field(file, &fields, "version");
+        if let Some(plugins) = fields.get("plugins") {
+            self.read_plugins(scope, *plugins);
+        }
         if let Some(params) = fields.get("params") {
             self.read_params(scope, *params);
         }
@@ -404,12 +407,14 @@ impl Checker<'_> {
     fn plain_node(&mut self, scope: usize, name: String, id: &str, type_at: At, at: At, given: BTreeMap<String, (Given, Span)>) -> Entry {
         let ty = self.registry.get(id).cloned();
         if ty.is_none() {
-            let known: Vec<&str> = self.registry.nodes().map(|n| n.schema.id).collect();
-            let found = type_at.error(code::UNKNOWN_TYPE, format!("expected a node type, found `{id}`"));
-            self.push(found.did_you_mean(id, known).help("`pegbar nodes` lists the node types"));
+            let found = self.unknown_type(id, type_at);
+            self.push(found);
             // It stays among the nodes, so that its references are held against the graph.
             self.nodes.push(NodeSource { name, scope, ty, at, given });
             return Entry::Broken;
+        }
+        if let Some(ty) = &ty {
+            self.pinned(ty, type_at);
         }
         self.nodes.push(NodeSource { name, scope, ty, at, given });
         Entry::Node(self.nodes.len() - 1)

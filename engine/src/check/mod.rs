@@ -7,18 +7,21 @@ mod document;
 mod files;
 mod layers;
 mod params;
+mod plugins;
 mod rates;
 mod resolve;
 mod typing;
 pub mod version;
 mod words;
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::diag::{Diagnostic, FileId, Label, Severity, SourceMap, Span};
 use crate::graph::Graph;
+use crate::plugin::Lock;
 use crate::registry::Registry;
 
 pub use layers::{Layer, Setting, Settings};
@@ -91,9 +94,15 @@ pub mod code {
     pub const NO_FRAME_NUMBER: &str = "PB0164";
     /// Settings that do not go together.
     pub const SETTINGS: &str = "PB0170";
+    /// A plugin that is not where it is said to be, or cannot be used.
+    pub const PLUGIN: &str = "PB0180";
+    /// A plugin of which several versions are there.
+    pub const PLUGIN_VERSION: &str = "PB0181";
+    /// A plugin that is not the one that the lock pins.
+    pub const PLUGIN_LOCK: &str = "PB0182";
 
     /// All of them.
-    pub const ALL: [&str; 33] = [
+    pub const ALL: [&str; 36] = [
         UNREADABLE,
         UNKNOWN_FIELD,
         FORMAT_VERSION,
@@ -127,6 +136,9 @@ pub mod code {
         WRITTEN_TWICE,
         NO_FRAME_NUMBER,
         SETTINGS,
+        PLUGIN,
+        PLUGIN_VERSION,
+        PLUGIN_LOCK,
     ];
 }
 
@@ -145,6 +157,8 @@ pub struct LoadOptions {
     pub site: Option<PathBuf>,
     /// Folders in which graphs that are used are looked for, besides that of the file that uses them.
     pub library: Vec<PathBuf>,
+    /// True where `pegbar.lock` beside the graph does not count, as it is about to be written.
+    pub unlocked: bool,
 }
 
 /// A graph file that was read, with all that is wrong with it.
@@ -185,7 +199,9 @@ pub fn load_text(path: &Path, text: &str, registry: &Registry, options: &LoadOpt
 }
 
 struct Checker<'a> {
-    registry: &'a Registry,
+    /// What there is, and what plugins add to it.
+    registry: Cow<'a, Registry>,
+    lock: Option<Lock>,
     options: &'a LoadOptions,
     sources: SourceMap,
     diagnostics: Vec<Diagnostic>,
@@ -256,7 +272,8 @@ impl At {
 impl<'a> Checker<'a> {
     fn new(registry: &'a Registry, options: &'a LoadOptions) -> Self {
         Self {
-            registry,
+            registry: Cow::Borrowed(registry),
+            lock: None,
             options,
             sources: SourceMap::new(),
             diagnostics: Vec::new(),
@@ -280,6 +297,7 @@ impl<'a> Checker<'a> {
 
     fn check(mut self, path: &Path, text: String) -> Loaded {
         self.read_layers(path);
+        self.read_lock(path);
         let scope = self.read_main(path, text);
         self.origin = crate::origin::text(path, &self.sources, self.options);
         let graph = scope.and_then(|s| self.resolve_all(s));

@@ -37,10 +37,14 @@ pub(super) struct InProcess {
     loaded: OnceLock<Result<Loaded, PluginError>>,
 }
 
-/// The digest of a file, in hexadecimal.
-pub(super) fn digest(path: &Path) -> std::io::Result<String> {
+/// The digest of a library, in hexadecimal, as manifests have it.
+///
+/// # Errors
+/// Where the file cannot be read.
+pub fn digest(library: &Path) -> Result<String, PluginError> {
     let mut hasher = blake3::Hasher::new();
-    std::io::copy(&mut std::fs::File::open(path)?, &mut hasher)?;
+    let read = std::fs::File::open(library).and_then(|mut file| std::io::copy(&mut file, &mut hasher));
+    read.map_err(|e| PluginError::new(format!("library {}: {e}", library.display())))?;
     Ok(hasher.finalize().to_hex().to_string())
 }
 
@@ -109,7 +113,7 @@ impl InProcess {
         let plugin = &self.manifest.plugin;
         let (path, expected) = self.manifest.library(&self.folder)?;
         let anew = format!("`pegbar plugin manifest {}` writes the manifest anew", path.display());
-        let found = digest(&path).map_err(|e| PluginError::plugin(plugin, format!("expected its library at {}, found {e}", path.display())))?;
+        let found = digest(&path).map_err(|e| PluginError::plugin(plugin, e))?;
         if found != expected {
             let (expected, found) = (short(expected), short(&found));
             let why = format!("expected the library {} of digest {expected}, as its manifest says, found {found}", path.display());

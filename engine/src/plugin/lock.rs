@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use ron::ser::PrettyConfig;
 use serde::{Deserialize, Serialize};
 
 use super::PluginError;
@@ -41,10 +40,7 @@ impl Lock {
     /// Where it cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), PluginError> {
         let path = folder.join(LOCK);
-        let refused = |why: String| PluginError::new(format!("lock {}: {why}", path.display()));
-        let text = ron::ser::to_string_pretty(self, PrettyConfig::new().struct_names(true)).map_err(|e| refused(e.to_string()))?;
-        crate::atomic::write(&path, |to| std::io::Write::write_all(to, (text.clone() + "\n").as_bytes()))
-            .map_err(|e| refused(e.to_string()))
+        super::manifest::write_ron(&path, self).map_err(|why| PluginError::new(format!("lock {}: {why}", path.display())))
     }
 
     /// Pins a plugin, in place of what was pinned for its name and version on this platform.

@@ -268,12 +268,12 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// The text of the manifest.
+    /// Writes the manifest.
     ///
     /// # Errors
-    /// Where it cannot be written as RON.
-    pub fn to_text(&self) -> Result<String, ron::Error> {
-        ron::ser::to_string_pretty(self, PrettyConfig::new().struct_names(true)).map(|text| text + "\n")
+    /// Where the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), PluginError> {
+        write_ron(path, self).map_err(|why| PluginError::manifest(path, why))
     }
 
     /// The library of this platform.
@@ -288,6 +288,12 @@ impl Manifest {
         })?;
         Ok((folder.join(&found.file), &found.digest))
     }
+}
+
+/// Writes a record as a file of RON, whole or not at all.
+pub(super) fn write_ron(path: &Path, record: &impl Serialize) -> Result<(), String> {
+    let text = ron::ser::to_string_pretty(record, PrettyConfig::new().struct_names(true)).map_err(|e| e.to_string())? + "\n";
+    crate::atomic::write(path, |to| std::io::Write::write_all(to, text.as_bytes())).map_err(|e| e.to_string())
 }
 
 fn or_none(words: &[&str]) -> String {

@@ -69,6 +69,7 @@ impl Case {
             shot: folders("--shot ").pop(),
             site: folders("--site ").pop(),
             library: folders("--library "),
+            ..LoadOptions::default()
         }
     }
 

@@ -1,0 +1,17 @@
+//! An example of a plugin in Rust: paper and ink. A picture filter, a node that remembers, one that sees the whole shot, and a value type of its own.
+
+mod bleed;
+mod exposure;
+mod grain;
+mod trail;
+
+use pegbar_plugin::types::Image;
+
+pegbar_plugin::export! {
+    name: "paper",
+    doc: "Paper and ink: grain, bleeding ink, trails of earlier drawings, and an even exposure.",
+    per_frame: [grain::PaperGrain, bleed::PaperBleed],
+    recurrent: [trail::PaperTrail],
+    whole: [exposure::PaperExposure],
+    values: [Image, exposure::Exposure],
+}
