@@ -2,7 +2,7 @@
 
 use pegbar_engine::diag::did_you_mean;
 use pegbar_engine::node::{Access, InputSchema, InputType, Kind, NodeSchema, OutputSchema};
-use pegbar_engine::registry::Registry;
+use pegbar_engine::registry::{NodeType, Registry};
 use pegbar_engine::value::TypeSchema;
 
 use crate::args::{ExplainArgs, Format};
@@ -17,7 +17,7 @@ pub(crate) fn explain(args: &ExplainArgs, registry: &Registry, console: &mut Con
     let json = args.format == Format::Json;
     let code = name.to_ascii_uppercase();
     if let Some(node) = registry.get(name) {
-        return if json { console.json(node.schema.as_ref()) } else { show(console, &node_text(&node.schema)) };
+        return if json { console.json(node.schema.as_ref()) } else { show(console, &(node_text(&node.schema) + &plugin_text(node))) };
     }
     if let Some(ty) = registry.get_type(name) {
         return if json { console.json(&ty.schema) } else { show(console, &type_text(&ty.schema, registry)) };
@@ -113,6 +113,14 @@ fn node_text(schema: &NodeSchema) -> String {
         text.extend(example.lines().map(|l| format!("  {l}\n")));
     }
     text
+}
+
+/// The plugin that a node type comes from.
+fn plugin_text(node: &NodeType) -> String {
+    match node.operator.plugin() {
+        Some(plugin) => format!("\nPlugin\n  {} {}, library {}\n", plugin.name, plugin.version, plugin.digest),
+        None => String::new(),
+    }
 }
 
 /// `0 to 10`, `at least 0`, `at most 10`.

@@ -8,5 +8,6 @@ mod faults;
 mod goldens;
 mod hostile;
 mod show;
+mod plugins;
 mod support;
 mod truth;

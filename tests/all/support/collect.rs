@@ -128,7 +128,7 @@ pub(crate) fn complaints(loaded: &Loaded) -> String {
 
 /// The graph in a file, with everything that is wrong with it.
 pub(crate) fn read(path: &Path, options: &LoadOptions) -> Loaded {
-    load(path, &pegbar_nodes::registry(), options)
+    load(path, &super::plugins::registry(), options)
 }
 
 /// A graph of `frames` frames from its nodes, as they stand in a file in `folder`.

@@ -1,6 +1,7 @@
 //! What the tests share: the command line in this process, graphs from text, and the values of their outputs.
 
 pub(crate) mod collect;
+pub(crate) mod plugins;
 pub(crate) mod shot;
 
 use std::path::{Path, PathBuf};
