@@ -30,7 +30,8 @@ impl Shared {
             DType::U32 => bytemuck::try_cast_slice::<_, u32>(bytes.bytes()).is_ok(),
             DType::U8 => true,
         };
-        fits.then_some(Self { dtype, bytes })
+        // Nothing lies nowhere in particular.
+        (fits || bytes.bytes().is_empty()).then_some(Self { dtype, bytes })
     }
 
     /// Element type.

@@ -14,8 +14,8 @@ use pegbar_engine::registry::Registry;
 
 fn library() -> PathBuf {
     let name = format!("{}sums{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
-    // Cargo builds examples beside the folder of the tests.
-    std::env::current_exe().unwrap().parent().unwrap().with_file_name("examples").join(name)
+    // Cargo puts it beside this test, of which it is a dependency.
+    std::env::current_exe().unwrap().with_file_name(name)
 }
 
 fn found() -> &'static Found {
@@ -83,7 +83,7 @@ fn frames_states_and_sequences_arrive() {
     assert_eq!(running, [[1.0], [3.0], [6.0], [10.0]]);
     let back = format!("{FRAME}, \"b\": (type: \"sums.back\", value: \"@f\")");
     assert_eq!((numbers(&back, "b.value"), numbers(&back, "b.count")), (vec![vec![4.0], vec![3.0], vec![2.0], vec![1.0]], vec![vec![4.0]]));
-    let wired = format!("{FRAME}, \"j\": (type: \"sums.join\", several: [], more: [(1.0, 2.0)], factor: \"@f\")");
+    let wired = format!("{FRAME}, \"e\": (type: \"sums.wrong\", way: \"\"), \"j\": (type: \"sums.join\", several: [\"@e\"], more: [(1.0, 2.0)], factor: \"@f\")");
     assert_eq!(numbers(&wired, "j.value"), [[3.0, 4.0], [6.0, 4.0], [9.0, 4.0], [12.0, 4.0]]);
 }
 
@@ -99,7 +99,7 @@ fn a_panic_and_a_failure_are_errors_of_their_frames() {
     let (_, report, port) = run("\"w\": (type: \"sums.wrong\", way: \"panic\")", "w.value");
     let [failure] = &report.failures[..] else { panic!("{}", report.failures.len()) };
     assert_eq!(failure.frame, Some(2));
-    assert_eq!(failure.error.message, "plugin `sums` 0.1.0: panicked: frame 2 is too much");
+    assert_eq!(failure.error.message, "plugin `sums` 1.0.0: panicked: frame 2 is too much");
     assert_eq!(failure.error.fault, Fault::Plugin);
     assert_eq!(report.kept[&port].iter().map(Option::is_some).collect::<Vec<_>>(), [true, false, true, true]);
 

@@ -106,7 +106,7 @@ struct Made {
 
 impl PerFrame for SumsMake {
     fn run(self, _cx: &Context) -> Result<Made, NodeError> {
-        let mut numbers = Buffer::zeroed([self.count]).ok_or_else(|| NodeError::input("expected memory, found none"))?;
+        let mut numbers: Buffer<f64, 1> = Buffer::zeroed([self.count]).ok_or_else(|| NodeError::input("expected memory, found none"))?;
         numbers[0] = numbers.as_ptr().addr() as f64;
         numbers[1] = 1.5;
         Ok(Made { numbers: Numbers { numbers, remark: "made \"here\"".to_owned() } })
