@@ -1,6 +1,7 @@
 //! A plugin's library in this process.
 #![allow(unsafe_code, reason = "loading a library and calling it; each block says what it relies on")]
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -53,13 +54,25 @@ pub fn digest(library: &Path) -> Result<String, PluginError> {
 /// # Errors
 /// Where it is no plugin that this host can use.
 pub fn describe(library: &Path) -> Result<Description, PluginError> {
-    open(library).map(|(_, description)| description)
+    open(library, &digest(library)?).map(|(_, description)| description)
 }
 
-fn open(path: &Path) -> Result<(Functions, Description), PluginError> {
+/// Says where another library was loaded from this path before: the system would give that one again, whatever lies there now.
+fn first_here(path: &Path, digest: &str) -> Result<(), String> {
+    static LOADED: Mutex<BTreeMap<PathBuf, String>> = Mutex::new(BTreeMap::new());
+    let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+    let before = loaded.entry(path.to_owned()).or_insert_with(|| digest.to_owned());
+    match before == digest {
+        true => Ok(()),
+        false => Err(format!("expected the library that this process has loaded from there, of digest {}, found it changed", short(before))),
+    }
+}
+
+fn open(path: &Path, digest: &str) -> Result<(Functions, Description), PluginError> {
     let refused = |why: String| PluginError::new(format!("library {}: {why}", path.display()));
     // The loader looks for a bare name elsewhere.
     let absolute = std::path::absolute(path).map_err(|e| refused(e.to_string()))?;
+    first_here(&absolute, digest).map_err(|why| refused(why).help("start Pegbar anew"))?;
     // SAFETY: the user or the show named this plugin; whatever its initialisers do is what they asked for.
     let library = unsafe { Library::new(&absolute) }.map_err(|e| refused(format!("expected a shared library, found {}", cause(&e))))?;
     // SAFETY: the symbol is what the ABI says it is.
@@ -119,7 +132,7 @@ impl InProcess {
             let why = format!("expected the library {} of digest {expected}, as its manifest says, found {found}", path.display());
             return Err(PluginError::plugin(plugin, why).help(anew));
         }
-        let (functions, description) = open(&path).map_err(|e| PluginError { message: PluginError::plugin(plugin, e.message).message, ..e })?;
+        let (functions, description) = open(&path, &found).map_err(|e| PluginError { message: PluginError::plugin(plugin, e.message).message, ..e })?;
         if let Some((what, ours, theirs)) = plugin.difference(&description) {
             let why = format!("{what}: expected {ours}, as its manifest says, found {theirs} in the library {}", path.display());
             return Err(PluginError::plugin(plugin, why).help(anew));

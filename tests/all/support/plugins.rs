@@ -14,12 +14,14 @@ pub(crate) fn library_name(name: &str) -> String {
     format!("{}{name}{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX)
 }
 
-/// Compiles a plugin in C; Rust links with the compiler that this takes.
+/// Compiles a plugin in C, or in C++ by the ending of its name; Rust links with the compiler that this takes.
 pub(crate) fn compile(source: &Path, include: &str, defines: &[&str], library: &Path) {
     // Built beside its place, as others may be loading what is there.
     let temporary = tempfile::NamedTempFile::new_in(library.parent().unwrap()).unwrap();
-    let mut cc = Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()));
-    cc.args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-I"]);
+    let is_cpp = source.extension().is_some_and(|e| e == "cpp");
+    let (variable, usual, standard) = if is_cpp { ("CXX", "c++", "-std=c++17") } else { ("CC", "cc", "-std=c11") };
+    let mut cc = Command::new(std::env::var_os(variable).unwrap_or_else(|| usual.into()));
+    cc.args([standard, "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-I"]);
     cc.arg(root().join(include)).args(defines.iter().map(|d| format!("-D{d}"))).arg("-o").arg(temporary.path());
     let done = cc.arg(source).arg("-lm").output().expect("a C compiler");
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
