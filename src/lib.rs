@@ -54,7 +54,8 @@ where
         Ok(cli) => cli,
         Err(error) => return console.clap(&error),
     };
-    let registry = &match plugin::registry(registry, &cli.plugins, console) {
+    let runs = matches!(cli.command, args::Command::Run(_) | args::Command::Replay(_));
+    let registry = &match plugin::registry(registry, &cli.plugins, runs, console) {
         Ok(registry) => registry,
         Err(code) => return code,
     };

@@ -13,9 +13,10 @@ use crate::console::{Console, EXIT_FAILED, EXIT_OK, EXIT_WRONG, count};
 /// Variable that names plugins, as `--plugins` does; several with the separator of PATH between.
 const VARIABLE: &str = "PEGBAR_PLUGINS";
 
-/// The registry with the plugins that the command line and the environment name; an exit code where one of them cannot be had.
-pub(crate) fn registry(own: &Registry, named: &[PathBuf], console: &mut Console) -> Result<Registry, u8> {
-    let mut registry = own.clone();
+/// The registry with the plugins that the command line and the environment name; an exit code where one of them cannot be had. No code
+/// of theirs runs but in commands that run nodes.
+pub(crate) fn registry(own: &Registry, named: &[PathBuf], runs: bool, console: &mut Console) -> Result<Registry, u8> {
+    let mut registry = if runs { own.clone() } else { own.clone().without_code() };
     let variable = std::env::var_os(VARIABLE).unwrap_or_default();
     let more = std::env::split_paths(&variable).filter(|p| !p.as_os_str().is_empty());
     let paths: Vec<PathBuf> = named.iter().cloned().chain(more).collect();

@@ -41,12 +41,25 @@ pub struct Registry {
     /// Node types out of plugins: one for each version of the plugin.
     versions: BTreeMap<&'static str, Vec<NodeType>>,
     types: Types,
+    is_closed: bool,
 }
 
 impl Registry {
     /// A registry of the engine's own value types.
     pub fn new() -> Self {
         Self::default().value::<Curve>().value::<TimeMap>().value::<Vector>()
+    }
+
+    /// The registry where no code of plugins runs: their nodes are known by their manifests alone.
+    #[must_use]
+    pub fn without_code(mut self) -> Self {
+        self.is_closed = true;
+        self
+    }
+
+    /// True where code of plugins may run.
+    pub fn runs_code(&self) -> bool {
+        !self.is_closed
     }
 
     /// With a value type.

@@ -23,7 +23,7 @@ pub fn derive_value(input: TokenStream) -> TokenStream {
 ///
 /// On the struct: `#[node(id = "comp.over", version = 1, outputs = CompOverOutputs)]`, and where they apply `kind = sink` (`per_frame`, `recurrent`,
 /// `whole`, `source`), `source = "..."`, `example = "..."`, `uses_frame`, `type_from = "input"`, `beside = function` (the files that a file names). On a field: `#[input(default = 1.0, unit = "px",
-/// range = 0.0..=8.0, constant, any_clock, name = "as")]`. Every field is documented.
+/// range = 0.0..=8.0, constant, any_clock, name = "as", window = ("-reach", "reach"))]`. Every field is documented.
 #[proc_macro_derive(Node, attributes(node, input))]
 pub fn derive_node(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);

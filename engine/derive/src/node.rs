@@ -67,6 +67,7 @@ struct InputAttrs {
     default: Option<String>,
     unit: Option<LitStr>,
     range: Option<(Expr, Expr)>,
+    window: Option<(LitStr, LitStr)>,
     constant: bool,
     any_clock: bool,
 }
@@ -94,12 +95,19 @@ fn input_attrs(field: &Field) -> syn::Result<InputAttrs> {
                 out.unit = Some(m.value()?.parse()?);
             } else if m.path.is_ident("range") {
                 out.range = Some(bounds(m.value()?.parse()?));
+            } else if m.path.is_ident("window") {
+                let value = m.value()?;
+                let ends;
+                syn::parenthesized!(ends in value);
+                let first = ends.parse()?;
+                ends.parse::<syn::Token![,]>()?;
+                out.window = Some((first, ends.parse()?));
             } else if m.path.is_ident("constant") {
                 out.constant = true;
             } else if m.path.is_ident("any_clock") {
                 out.any_clock = true;
             } else {
-                return Err(m.error("expected name, default, unit, range, constant or any_clock"));
+                return Err(m.error("expected name, default, unit, range, window, constant or any_clock"));
             }
             Ok(())
         })?;
@@ -121,6 +129,7 @@ fn input_schema(field: &Field) -> syn::Result<TokenStream> {
     let doc = doc(&field.attrs, field, "an input")?;
     let (default, unit) = (option(attrs.default), option(attrs.unit));
     let range = option(attrs.range.map(|(a, b)| quote! { ((#a) as f64, (#b) as f64) }));
+    let window = option(attrs.window.map(|(first, last)| quote! { (#first, #last) }));
     let any_clock = attrs.any_clock;
     let access = if attrs.constant {
         quote! { ::pegbar_engine::node::Access::Constant }
@@ -132,6 +141,7 @@ fn input_schema(field: &Field) -> syn::Result<TokenStream> {
         doc: #doc,
         ty: <#ty as ::pegbar_engine::node::Input>::ty(),
         access: #access,
+        window: #window,
         list: <#ty as ::pegbar_engine::node::Input>::LIST,
         optional: <#ty as ::pegbar_engine::node::Input>::OPTIONAL,
         default: #default,

@@ -81,6 +81,10 @@ pub struct InputSchema {
     pub ty: InputType,
     /// Frames that are read.
     pub access: Access,
+    /// The first and last frame that is read, counted from that which is made, for an input of which several are: whole numbers, or names of settings
+    /// with or without a minus sign. Beyond the ends of the clock its last frame stands for all. What plugins may say in place of
+    /// [`PerFrame::reads`](super::PerFrame::reads), so that their code need not be asked.
+    pub window: Option<(&'static str, &'static str)>,
     /// True for a list of references.
     pub list: bool,
     /// True where it may be left out without a default.

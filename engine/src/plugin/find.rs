@@ -109,7 +109,7 @@ impl Found {
 
 fn nodes(description: &Description, found: &Found, registry: &Registry, id: PluginId) -> Result<Vec<NodeType>, String> {
     let types: BTreeMap<_, _> = registry.types().map(|ty| (ty.schema.name, ty.clone())).collect();
-    let transport = Box::new(InProcess::new(found.manifest.clone(), found.folder().to_owned()));
+    let transport = Box::new(InProcess::new(found.manifest.clone(), found.folder().to_owned(), registry.runs_code()));
     let plugin = Arc::new(Plugin { id, description: description.clone(), types, transport });
     let node = |(i, text): (usize, &super::manifest::NodeText)| {
         let schema = Arc::new(text.schema()?);

@@ -35,6 +35,8 @@ struct Loaded {
 pub(super) struct InProcess {
     pub(super) manifest: Arc<Manifest>,
     pub(super) folder: PathBuf,
+    /// False where no code is to run.
+    may_load: bool,
     loaded: OnceLock<Result<Loaded, PluginError>>,
 }
 
@@ -114,8 +116,8 @@ fn cause(error: &libloading::Error) -> String {
 }
 
 impl InProcess {
-    pub(super) fn new(manifest: Arc<Manifest>, folder: PathBuf) -> Self {
-        Self { manifest, folder, loaded: OnceLock::new() }
+    pub(super) fn new(manifest: Arc<Manifest>, folder: PathBuf, may_load: bool) -> Self {
+        Self { manifest, folder, may_load, loaded: OnceLock::new() }
     }
 
     fn loaded(&self) -> Result<&Loaded, NodeError> {
@@ -124,6 +126,11 @@ impl InProcess {
 
     fn load(&self) -> Result<Loaded, PluginError> {
         let plugin = &self.manifest.plugin;
+        if !self.may_load {
+            let why = "expected a node whose manifest says which frames it reads, found one whose code has to be asked";
+            let help = "this command runs no code of plugins; an input says its frames by a `window`, and `pegbar run` asks";
+            return Err(PluginError::plugin(plugin, why).help(help));
+        }
         let (path, expected) = self.manifest.library(&self.folder)?;
         let anew = format!("`pegbar plugin manifest {}` writes the manifest anew", path.display());
         let found = digest(&path).map_err(|e| PluginError::plugin(plugin, e))?;

@@ -534,6 +534,7 @@ impl InputText {
             name: intern(&self.name),
             doc: intern(&self.doc),
             access: self.access,
+            window: self.window.as_ref().map(|(first, last)| (intern(first), intern(last))),
             list: self.list,
             // A setting that may be left out is read as `None`.
             optional: self.optional && matches!(self.ty, PortType::Value(_)),
@@ -562,7 +563,7 @@ impl InputText {
             doc: input.doc.to_owned(),
             ty,
             access: input.access,
-            window: None,
+            window: input.window.map(|(first, last)| (first.to_owned(), last.to_owned())),
             list: input.list,
             optional: if is_setting { may_be_left_out } else { input.optional },
             default: input.default.map(str::to_owned),

@@ -139,7 +139,7 @@ fn node_text(node: &NodeType) -> NodeText {
         source: schema.source.map(str::to_owned),
         example: schema.example.map(str::to_owned),
         uses_frame: schema.uses_frame,
-        asks: schema.inputs.iter().any(|i| i.access.asks()),
+        asks: schema.inputs.iter().any(|i| i.access.asks() && i.window.is_none()),
         inputs: schema.inputs.iter().filter_map(input).collect(),
         outputs: schema.outputs.iter().map(output).collect(),
         state: node.operator.state_type().map(|ty| TypeText::of(&ty.schema)),

@@ -45,6 +45,7 @@ fn schema() -> NodeSchema {
         doc: "What is kept.",
         ty: InputType::Any,
         access: Access::Frame,
+        window: None,
         list: false,
         optional: false,
         default: None,

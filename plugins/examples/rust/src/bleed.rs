@@ -8,6 +8,7 @@ use pegbar_plugin::types::Image;
 #[node(id = "paper.bleed", version = 1, outputs = PaperBleedOutputs, example = r#""wet": (type: "paper.bleed", image: "@ink", wetness: 0.5)"#)]
 pub(crate) struct PaperBleed {
     /// The pictures.
+    #[input(window = ("-reach", "reach"))]
     image: Frames<Image>,
     /// Frames before and after that show through.
     #[input(default = 1, range = 0..=8, unit = "frames")]
