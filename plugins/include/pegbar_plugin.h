@@ -313,7 +313,7 @@ struct PbPlugin {
     uint32_t abi_minor;
     // Nought.
     uint32_t reserved;
-    // What the plugin holds: the text of its manifest but for `library` and `digest`.
+    // What the plugin holds, as RON: what its manifest has at `plugin`.
     PbText schema;
     // Makes an instance of the node type at a position of the schema, with settings that are those of all its tasks. The task is there for errors alone.
     uint32_t (*create)(uint32_t node, const PbTask *task, const PbSettings *settings, void **instance);
