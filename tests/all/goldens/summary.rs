@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use pegbar_engine::array::{ArrayView, Data};
+use pegbar_engine::array::ArrayView;
 use pegbar_engine::value::{AnyValue, Meta};
 use serde_json::Value as Json;
 
@@ -55,13 +55,7 @@ pub(super) const STATISTICS: [&str; 4] = ["mean", "least", "greatest", "deviatio
 
 /// The elements of an array, as f64; exact but for integers beyond 2^53, which no node makes.
 fn elements(array: &ArrayView) -> Vec<f64> {
-    match array.to_array().data {
-        Data::F32(v) => v.into_iter().map(f64::from).collect(),
-        Data::F64(v) => v,
-        Data::I64(v) => v.into_iter().map(|x| x as f64).collect(),
-        Data::U32(v) => v.into_iter().map(f64::from).collect(),
-        Data::U8(v) => v.into_iter().map(f64::from).collect(),
-    }
+    array.numbers()
 }
 
 fn statistics(all: &[f64]) -> Vec<f64> {

@@ -28,7 +28,7 @@ pub(crate) struct PaperGrainOutputs {
 }
 
 /// A number from 0 to 1 that depends on all the bits of three others.
-fn noise(x: u64, y: u64, sheet: u64) -> f32 {
+pub(crate) fn noise(x: u64, y: u64, sheet: u64) -> f32 {
     let mut h = x.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ y.wrapping_mul(0xc2b2_ae3d_27d4_eb4f) ^ sheet.wrapping_mul(0x1656_67b1_9e37_79f9);
     h = (h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     h = (h ^ (h >> 32)).wrapping_mul(0x94d0_49bb_1331_11eb);

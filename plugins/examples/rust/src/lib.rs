@@ -2,6 +2,7 @@
 
 mod bleed;
 mod exposure;
+mod flicker;
 mod grain;
 mod trail;
 
@@ -10,7 +11,7 @@ use pegbar_plugin::types::Image;
 pegbar_plugin::export! {
     name: "paper",
     doc: "Paper and ink: grain, bleeding ink, trails of earlier drawings, and an even exposure.",
-    per_frame: [grain::PaperGrain, bleed::PaperBleed],
+    per_frame: [bleed::PaperBleed, flicker::PaperFlicker, grain::PaperGrain],
     recurrent: [trail::PaperTrail],
     whole: [exposure::PaperExposure],
     values: [Image, exposure::Exposure],
