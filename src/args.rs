@@ -142,6 +142,34 @@ const WHOSE_EXAMPLES: &str = "Examples:
   pegbar whose hat.ron '$plate' --shot show/sq010/sh020      the same for a parameter
   pegbar whose hat.ron --shot show/sq010/sh020               everything that is set from outside the graph";
 
+const TEST_EXAMPLES: &str = "Examples:
+  pegbar test hat.ron                              holds hat.ron against its reference, as hat.golden.ron beside it says
+  pegbar test shows                                every graph below a folder that has a golden file beside it
+  pegbar test shows --html review.html             and a page with expected, actual and difference of what changed
+  pegbar test shows --junit junit.xml              for Jenkins and GitLab
+  pegbar test hat.ron --bless small                what the case `small` gives now is right: keep it as the reference
+  pegbar test shows --bless all                    the same of everything; prints what changed
+
+hat.golden.ron, of which every field but `pegbar` may be left out:
+  Golden(
+      pegbar: 1,
+      frames: \"1,12,24\",                      // else first, middle and last
+      outputs: [\"image\", \"track.motion\"],   // else all that the graph declares
+      params: { \"size\": (320, 180) },         // a small run, as of --var; set: {...} as of --set; shot: \"../sh010\"
+      cut: { \"frames\": 24 },                  // a clock that ends earlier
+      tolerances: { \"Image\": (at_most: 0.01, pixels: 4, reason: \"grain is seeded anew in each release\") },
+      invariants: { \"*\": (finite: true), \"matte\": (within: (0, 1)) },
+      same_on_threads: true,
+      cases: { \"small\": (), \"sh020\": (shot: \"../show/sq010/sh020\") },
+  )
+A tolerance is of an output or a type; its metric is absolute, relative, rms or bits. The reference is kept in the folder hat.golden.
+
+Exit codes:
+  0    everything is as its reference says
+  1    something left its reference, has none, or a node failed
+  2    a golden, a graph or the command line is wrong
+  130  cancelled by Ctrl-C";
+
 const FMT_EXAMPLES: &str = "Examples:
   pegbar fmt hat.ron             rewrites the file in canonical layout; comments stay, and so does every name and number
   pegbar fmt shows               every .ron file below a folder
@@ -193,6 +221,9 @@ pub(crate) enum Command {
     /// Lay graph files out in the one canonical way, with every comment kept.
     #[command(after_help = FMT_EXAMPLES)]
     Fmt(FmtArgs),
+    /// Hold graphs against their goldens, and say which node left its reference first, at which frame.
+    #[command(after_help = TEST_EXAMPLES)]
+    Test(TestArgs),
     /// Look after the cache: what results are kept from run to run.
     #[command(subcommand, after_help = CACHE_EXAMPLES)]
     Cache(CacheCommand),
@@ -266,6 +297,7 @@ impl GraphArgs {
             site: self.site.clone(),
             library: self.library.clone(),
             unlocked: false,
+            base: PathBuf::new(),
         }
     }
 }
@@ -357,6 +389,27 @@ pub(crate) struct FmtArgs {
     /// Change nothing; say which files would change.
     #[arg(long)]
     pub(crate) check: bool,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct TestArgs {
+    /// Graphs with a golden file beside them, or folders of such.
+    #[arg(value_name = "PATH", required = true)]
+    pub(crate) paths: Vec<PathBuf>,
+    /// Keep what a graph or a case gives now as its reference: `all`, a graph, a case, or GRAPH:CASE; several times. Runs no other.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) bless: Vec<String>,
+    /// Folder for pictures of what differs: expected, actual, and the difference.
+    #[arg(long, value_name = "DIR", default_value = "out/golden")]
+    pub(crate) out: PathBuf,
+    /// Write a page to review what changed: one file, with all pictures in it.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) html: Option<PathBuf>,
+    /// Write the results as JUnit XML.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) junit: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) resources: Resources,
 }
 
 #[derive(Args, Debug)]

@@ -218,4 +218,17 @@ pub(crate) const CODES: &[Code] = &[
     code("PB0513", "the output folder cannot be written",
         "The folder of --out is made if it is not there. Here that failed, or a file could not be written into it: see its rights, and the space on the disk.",
         "pegbar run hat.ron --out /readonly", "pegbar run hat.ron --out out"),
+
+    code("PB0600", "a value left its reference",
+        "`pegbar test` held what the graph gives against the reference beside it. The message names the first node along the graph that left its own reference, the frame, how many numbers differ, the worst, and the tolerance with its reason; what is set otherwise than it was is underlined. Mend the graph, or keep what it gives now with --bless.",
+        "error[PB0600]: node `track` left its reference first, in output `motion` at frame 8: array `matrix`: 2 of 6 numbers differ", "pegbar test hat.ron --bless main"),
+    code("PB0601", "a case without a reference",
+        "The golden file says what is compared, but nothing was kept yet to compare it with. Look at what the graph gives, then keep it with --bless.",
+        "pegbar test hat.ron", "pegbar test hat.ron --bless main"),
+    code("PB0602", "an invariant does not hold",
+        "The golden file says what must hold of an output whatever the reference is: finite numbers, a range, the same bits on any number of threads. It is never blessed.",
+        "invariants: { \"matte\": (within: (0, 1)) }   // and a matte of 1.2", "\"clamped\": (type: \"image.grade\", image: \"@matte\", clamp: true)"),
+    code("PB0603", "a golden that does not fit its graph",
+        "The golden file compares an output that the graph does not have, or frames that are not on its clock.",
+        r#"Golden(pegbar: 1, outputs: ["imgae"])"#, r#"Golden(pegbar: 1, outputs: ["image"])"#),
 ];

@@ -25,6 +25,7 @@ mod replay;
 mod resources;
 mod run;
 mod summary;
+mod test;
 mod trace;
 mod upgrade;
 mod whence;
@@ -68,6 +69,7 @@ where
         args::Command::Explain(args) => explain::explain(&args, registry, console),
         args::Command::Graph(args) => graph::graph(&args, registry, console),
         args::Command::Fmt(args) => fmt::fmt(&args, console),
+        args::Command::Test(args) => test::test(&args, registry, console),
         args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Plan(args) => plan::plan(&args, registry, console),
         args::Command::Plugin(command) => plugin::plugin(&command, registry, console),

@@ -26,6 +26,7 @@ pub use history::Keep;
 pub use frames::{FrameRange, FrameSet, FramesError, frame_ranges};
 use history::History;
 use tap::Tap;
+pub use tap::{Each, Listener};
 
 /// The codes of what can go wrong with a job.
 pub mod code {
@@ -155,6 +156,18 @@ impl Job {
             Some(set) if !any_frames => Err(frames_of_nothing(set).into()),
             _ => Ok(job),
         }
+    }
+
+    /// A job that writes nothing: it gives outputs to those who want to look at them, and lets each value go when it was looked at.
+    pub fn listening(graph: &Graph, listeners: Vec<Listener>) -> Self {
+        let mut job = Self { graph: graph.clone(), nodes: graph.nodes.len(), targets: Vec::new(), taps: Vec::new(), out: PathBuf::new() };
+        for Listener { port, frames, each } in listeners {
+            let node = tap::ear(graph, port, each);
+            let frames = frames.filter(|_| node.per_frame);
+            job.targets.push(Target { node: job.graph.nodes.len(), frames });
+            job.graph.nodes.push(node);
+        }
+        job
     }
 
     fn sinks(&self) -> Result<Vec<usize>, Box<Diagnostic>> {

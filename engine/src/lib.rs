@@ -13,6 +13,7 @@ pub mod diff;
 pub mod draw;
 pub mod edit;
 pub mod exec;
+pub mod golden;
 pub mod graph;
 pub mod job;
 pub mod key;

@@ -159,6 +159,8 @@ pub struct LoadOptions {
     pub library: Vec<PathBuf>,
     /// True where `pegbar.lock` beside the graph does not count, as it is about to be written.
     pub unlocked: bool,
+    /// Folder that paths in `variables` and `overrides` are held against; the working folder where empty.
+    pub base: PathBuf,
 }
 
 /// A graph file that was read, with all that is wrong with it.

@@ -1,7 +1,6 @@
 //! Parameters of a graph: their declarations, what is given for them from outside, and which nobody reads.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
 
 use crate::diag::{Diagnostic, FileId, Severity, Span};
 use crate::setting::Setting;
@@ -56,7 +55,7 @@ impl Checker<'_> {
         let value = if is_literal { value.to_owned() } else { ron::to_string(value).unwrap_or_default() };
         let file = self.sources.add("command line", format!("{before}{value}"));
         let at = At::new(file, Span::new(before.len(), before.len() + value.len()));
-        Given { scope: 0, text: value, at, base: PathBuf::new() }
+        Given { scope: 0, text: value, at, base: self.options.base.clone() }
     }
 
     pub(super) fn read_params(&mut self, scope: usize, field: FieldRef<'_>) {

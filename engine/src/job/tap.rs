@@ -14,20 +14,33 @@ use crate::registry::NodeType;
 use crate::setting::{FileUse, SettingError};
 use crate::value::ValueRef;
 
+/// Is given each value of a port with its frame, on the thread where it was made; frames come in any order.
+pub type Each = Arc<dyn Fn(i64, &ValueRef) + Send + Sync>;
+
+/// An output that somebody wants to look at while a job runs.
+#[derive(Clone)]
+pub struct Listener {
+    /// The output.
+    pub port: Port,
+    /// Frames of its clock; all of them where `None`, and where it has one value for the whole graph.
+    pub frames: Option<Vec<i64>>,
+    /// Who looks.
+    pub each: Each,
+}
+
 /// An output that is taken, and the file that it is written to.
 pub(super) struct Tap {
     pub(super) port: Port,
     pub(super) file: PathBuf,
     /// One value a frame, rather than one for the whole graph.
     per_frame: bool,
-    values: Arc<Collector>,
+    values: Arc<Mutex<BTreeMap<i64, ValueRef>>>,
     written: Mutex<Vec<PathBuf>>,
 }
 
-#[derive(Default)]
-struct Collector(Mutex<BTreeMap<i64, ValueRef>>);
+struct Ear(Each);
 
-impl Operator for Collector {
+impl Operator for Ear {
     fn needs(&self, _args: Vec<Arg>, _inputs: &[&'static str], _cx: &Context) -> Result<Needs, NodeError> {
         Ok(Needs::default())
     }
@@ -35,7 +48,7 @@ impl Operator for Collector {
     fn compute(&self, args: Vec<Arg>, _state: Option<ValueRef>, cx: &Context) -> Result<Computed, NodeError> {
         match args.into_iter().next() {
             Some(Arg::Value(value)) => {
-                lock(&self.0).insert(cx.frame, value);
+                (self.0)(cx.frame, &value);
                 Ok(Computed { outputs: Vec::new(), state: None })
             }
             _ => Err(NodeError::internal("expected a value at a tap, found none")),
@@ -44,6 +57,24 @@ impl Operator for Collector {
 
     fn check(&self, _args: Vec<Arg>) -> Result<Vec<Problem>, NodeError> {
         Ok(Vec::new())
+    }
+}
+
+/// The node that gives the values of `port` to `each`.
+pub(super) fn ear(graph: &Graph, port: Port, each: Each) -> GraphNode {
+    let tapped = &graph.nodes[port.node];
+    let per_frame = !graph.is_single(port);
+    GraphNode {
+        name: format!("{} to file", graph.port_name(port)),
+        ty: NodeType { schema: Arc::new(schema()), operator: Arc::new(Ear(each)) },
+        inputs: vec![Binding::Wire(port)],
+        per_frame,
+        clock: tapped.clock.clone(),
+        input_clocks: if per_frame { vec![("value", tapped.clock.clone())] } else { Vec::new() },
+        output_types: Vec::new(),
+        file: tapped.file,
+        span: tapped.span,
+        places: Vec::new(),
     }
 }
 
@@ -83,27 +114,15 @@ fn schema() -> NodeSchema {
 impl Tap {
     /// A tap on `port`, and the node to be added to the graph.
     pub(super) fn new(graph: &Graph, port: Port, file: PathBuf) -> (Self, GraphNode) {
-        let values = Arc::new(Collector::default());
-        let tapped = &graph.nodes[port.node];
-        let per_frame = !graph.is_single(port);
-        let node = GraphNode {
-            name: format!("{} to file", graph.port_name(port)),
-            ty: NodeType { schema: Arc::new(schema()), operator: values.clone() },
-            inputs: vec![Binding::Wire(port)],
-            per_frame,
-            clock: tapped.clock.clone(),
-            input_clocks: if per_frame { vec![("value", tapped.clock.clone())] } else { Vec::new() },
-            output_types: Vec::new(),
-            file: tapped.file,
-            span: tapped.span,
-            places: Vec::new(),
-        };
-        (Self { port, file, per_frame, values, written: Mutex::default() }, node)
+        let values = Arc::new(Mutex::new(BTreeMap::new()));
+        let into = values.clone();
+        let node = ear(graph, port, Arc::new(move |frame, value: &ValueRef| drop(lock(&into).insert(frame, value.clone()))));
+        (Self { port, file, per_frame: node.per_frame, values, written: Mutex::default() }, node)
     }
 
     /// Writes what was kept; a stream into one file with its frame numbers, or a file a frame where the arrays differ in extents.
     pub(super) fn write(&self) -> Result<(), NodeError> {
-        let kept = std::mem::take(&mut *lock(&self.values.0));
+        let kept = std::mem::take(&mut *lock(&self.values));
         let (frames, values): (Vec<i64>, Vec<ValueRef>) = kept.into_iter().unzip();
         let Some(first) = values.first() else {
             return Err(NodeError::internal("expected values at a tap, found none"));
