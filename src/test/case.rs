@@ -268,8 +268,12 @@ impl Subject<'_> {
             let lines: String = wrong.iter().map(|((o, f), d)| format!("output `{o}` at frame {f}: {}\n", join(d))).collect();
             return note(result, &lines, console);
         };
-        let outputs: Vec<String> = result.outputs.iter().filter(|o| !o.wrong.is_empty()).map(OutputResult::frames_wrong).collect();
-        let mut diagnostic = departure.to_diagnostic(self.graph).help(format!("outputs that left their reference: {}", outputs.join(", ")));
+        let mut diagnostic = departure.to_diagnostic(self.graph);
+        for output in result.outputs.iter().filter(|o| !o.wrong.is_empty()) {
+            let at_its_own = self.compared.iter().any(|c| c.name == output.name && c.port == departure.port);
+            let first = output.wrong.values().next().filter(|_| !at_its_own).map(|w| format!(": {}", w.join("; "))).unwrap_or_default();
+            diagnostic = diagnostic.help(format!("output {} left its reference{first}", output.frames_wrong()));
+        }
         if golden.is_empty() {
             diagnostic =
                 diagnostic.help("there is no reference of nodes, so that nothing is known of what leads there: --bless writes one");

@@ -50,7 +50,7 @@ fn case(result: &CaseResult) -> String {
     let name = escaped(&format!("{}: {}", result.graph.display(), result.case));
     let mut out = format!("<details class=\"case\"{open}><summary><span class=\"state {class}\">{word}</span>{name}");
     // Writing into a string cannot fail.
-    let _ = write!(out, "<span class=\"soft\">{}</span></summary><div>\n", duration(result.time));
+    let _ = writeln!(out, "<span class=\"soft\">{}</span></summary><div>", duration(result.time));
     if !result.said.is_empty() {
         let _ = writeln!(out, "<pre>{}</pre>", escaped(result.said.trim_end()));
     }

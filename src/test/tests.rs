@@ -110,7 +110,8 @@ expected 2, found 2.5, difference 0.5; allowed 0.000002 (1e-6 of the extent: a t
 7 |         \"a\": (type: \"test.gain\", a: \"@f\", gain: 2.5),
   |         ^^^ test.gain                          --- gain was 2.0, is 2.5
   |
-  = help: outputs that left their reference: number at frames 1, 4, 8
+  = help: output number at frames 1, 4, 8 left its reference: array `value`: 1 of 1 numbers differ, most of all the number: expected 6, \
+found 7.5, difference 1.5; allowed 0.000006 (1e-6 of the extent: a thousandth of what is seen, a million roundings of f64)
 ";
     assert!(ran.err.starts_with(expected), "{}\n{expected}", ran.err);
     assert!(ran.err.contains("if this was meant: pegbar test g.ron --bless main"), "{}", ran.err);

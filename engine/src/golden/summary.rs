@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde_json::Value as Json;
 
-use crate::array::{ArrayView, Data};
+use crate::array::ArrayView;
 use crate::value::{AnyValue, Meta, digest};
 
 /// Arrays of at most so many numbers are kept whole.
@@ -68,17 +68,6 @@ pub struct Summary {
 /// Names of [`Digest::statistics`].
 pub const STATISTICS: [&str; 4] = ["mean", "least", "greatest", "deviation"];
 
-/// The elements of an array, as f64; exact but for integers beyond 2^53, which no node makes.
-fn elements(array: &ArrayView) -> Vec<f64> {
-    match array.to_array().data {
-        Data::F32(v) => v.into_iter().map(f64::from).collect(),
-        Data::F64(v) => v,
-        Data::I64(v) => v.into_iter().map(|x| x as f64).collect(),
-        Data::U32(v) => v.into_iter().map(f64::from).collect(),
-        Data::U8(v) => v.into_iter().map(f64::from).collect(),
-    }
-}
-
 fn statistics(all: &[f64]) -> Vec<f64> {
     let finite: Vec<f64> = all.iter().copied().filter(|v| v.is_finite()).collect();
     if finite.is_empty() {
@@ -116,7 +105,7 @@ fn strided(k: usize, n: usize, len: usize) -> usize {
 
 impl Digest {
     fn new(array: &ArrayView, is_picture: bool, whole: usize) -> Self {
-        let all = elements(array);
+        let all = array.numbers();
         let shape = array.shape.to_vec();
         let (kept, numbers) = match (is_picture && whole == WHOLE, shape.len()) {
             _ if all.len() <= whole => (Kept::Whole, all.clone()),
