@@ -67,8 +67,8 @@ fn outputs(result: &CaseResult) -> String {
     for output in &result.outputs {
         let frames = pegbar_engine::job::frame_ranges(&output.frames);
         let _ = write!(out, "<tr><td>{}</td><td>{}</td><td>{frames}</td><td>", escaped(&output.name), escaped(&output.type_name));
-        for (frame, said) in &output.wrong {
-            said.iter().for_each(|s| drop(write!(out, "<div>frame {frame}: {}</div>", escaped(s))));
+        for (frame, what) in output.wrong.iter().flat_map(|(frame, said)| said.iter().map(move |s| (frame, s))) {
+            let _ = write!(out, "<div>frame {frame}: {}</div>", escaped(what));
         }
         if output.wrong.is_empty() && result.verdict == Verdict::Pass {
             out.push_str(if output.other_bits > 0 { "within its tolerance, of other bits" } else { "as the reference" });

@@ -108,7 +108,7 @@ expected 2, found 2.5, difference 0.5; allowed 0.000002 (1e-6 of the extent: a t
  --> g.ron:7:9
   |
 7 |         \"a\": (type: \"test.gain\", a: \"@f\", gain: 2.5),
-  |         ^^^ test.gain                          --- gain was 2.0, is 2.5
+  |         ^^^ test.gain                           --- gain was 2.0, is 2.5
   |
   = help: output number at frames 1, 4, 8 left its reference: array `value`: 1 of 1 numbers differ, most of all the number: expected 6, \
 found 7.5, difference 1.5; allowed 0.000006 (1e-6 of the extent: a thousandth of what is seen, a million roundings of f64)
@@ -252,7 +252,7 @@ fn what_is_wrong_with_a_golden_is_said_at_its_place() {
             "error[PB0603]: expected an output of the graph, found `nubmer`\n --> g.golden.ron:1:1",
         ),
         ("Golden(pegbar: 1, frames: \"9\")", "error[PB0603]: output `number`: expected frames from 1 to 8 on clock `frames`, found 9"),
-        ("Golden(pegbar: 1, set: {\"a.gian\": 1})", "error[PB0152]"),
+        ("Golden(pegbar: 1, set: {\"a.gian\": 1})", "error[PB0121]"),
     ] {
         show.put("g.golden.ron", golden);
         let ran = show.test(&[]);

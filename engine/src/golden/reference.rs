@@ -101,7 +101,7 @@ pub fn differences(golden: &Reference, found: &Reference, tolerances: &Tolerance
             let told = match (golden.get(frame), found.get(frame)) {
                 (Some(golden), Some(found)) => compare(output, golden, found, tolerances),
                 (Some(_), None) => vec![Difference::of_value("expected a value, found none")],
-                (None, _) => vec![Difference::of_value("expected no value, as the reference has none, found one")],
+                (None, _) => vec![Difference::of_value("expected a value in the reference, found none")],
             };
             if !told.is_empty() {
                 wrong.insert((output.clone(), *frame), told);
