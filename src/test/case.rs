@@ -246,10 +246,10 @@ impl Subject<'_> {
             let difference = expected.as_ref().and_then(|e| picture::differ(e, actual, allowed));
             if let Some(d) = difference.as_ref().filter(|d| d.beyond.0 > 0) {
                 let (worst, x, y) = d.worst;
-                let what = format!("{} of {} pixels differ, most of all ({x}, {y}) by {worst:.0} codes", d.beyond.0, d.beyond.1);
+                let what = format!("picture: {} of {} pixels differ, most of all ({x}, {y}) by {worst:.0} codes", d.beyond.0, d.beyond.1);
                 let reason = said.map_or("a code of linear light is up to three of sRGB", |t| t.reason.as_str());
                 let allowed = format!("allowed {allowed} of 255 in the small picture ({reason})");
-                wrong.entry((output.clone(), *frame)).or_default().push(Difference { array: "picture".to_owned(), what, allowed });
+                wrong.entry((output.clone(), *frame)).or_default().push(Difference { allowed, ..Difference::of_value(what) });
             }
             if wrong.contains_key(&(output.clone(), *frame)) {
                 result.shown.push(Shown { output: output.clone(), frame: *frame, expected, actual: actual.clone(), difference });

@@ -63,6 +63,8 @@ fn case(result: &CaseResult) -> String {
 }
 
 fn outputs(result: &CaseResult) -> String {
+    // What came to no comparison is neither right nor wrong.
+    let has_compared = result.outputs.iter().any(|o| !o.wrong.is_empty());
     let mut out = "<table><tr><th>output</th><th>type</th><th>frames</th><th></th></tr>\n".to_owned();
     for output in &result.outputs {
         let frames = pegbar_engine::job::frame_ranges(&output.frames);
@@ -70,7 +72,7 @@ fn outputs(result: &CaseResult) -> String {
         for (frame, what) in output.wrong.iter().flat_map(|(frame, said)| said.iter().map(move |s| (frame, s))) {
             let _ = write!(out, "<div>frame {frame}: {}</div>", escaped(what));
         }
-        if output.wrong.is_empty() && result.verdict == Verdict::Pass {
+        if output.wrong.is_empty() && (result.verdict == Verdict::Pass || has_compared) {
             out.push_str(if output.other_bits > 0 { "within its tolerance, of other bits" } else { "as the reference" });
         }
         out.push_str("</td></tr>\n");

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::summary::{Digest, Kept, STATISTICS, Summary};
+use super::summary::{Digest, Kept, STATISTICS, Summary, number};
 
 /// How a difference is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -36,6 +36,8 @@ pub struct Tolerance {
     pub reason: String,
 }
 
+/// Digits behind the point of differences: a thousandth of the finest tolerance.
+const SHOWN: usize = 9;
 /// One 8-bit code.
 const CODE: f64 = 1.0 / 255.0;
 
@@ -130,6 +132,8 @@ struct Entry {
     expected: f64,
     found: f64,
     allowed: f64,
+    /// Of many numbers: never exact, not even of integers.
+    is_statistic: bool,
 }
 
 /// The numbers of two digests side by side.
@@ -138,10 +142,17 @@ fn entries(golden: &Digest, found: &Digest, at_most: f64, is_picture: bool) -> V
     let single = if is_picture && golden.kept != Kept::Whole { 8.0 } else { 1.0 };
     let allowed = [at_most, single * at_most, single * at_most, at_most];
     let statistics = golden.statistics.iter().zip(&found.statistics).zip(STATISTICS.iter().zip(allowed));
-    let statistics = statistics.map(|((e, f), (name, allowed))| Entry { place: (*name).to_owned(), expected: *e, found: *f, allowed });
+    let statistics = statistics.map(|((e, f), (name, allowed))| Entry {
+        place: (*name).to_owned(),
+        expected: *e,
+        found: *f,
+        allowed,
+        is_statistic: true,
+    });
     let of_number = if golden.kept == Kept::Strided { single * at_most } else { at_most };
     let numbers = golden.numbers.iter().zip(&found.numbers).enumerate();
-    let numbers = numbers.map(|(k, (e, f))| Entry { place: golden.place(k), expected: *e, found: *f, allowed: of_number });
+    let numbers =
+        numbers.map(|(k, (e, f))| Entry { place: golden.place(k), expected: *e, found: *f, allowed: of_number, is_statistic: false });
     statistics.chain(numbers).collect()
 }
 
@@ -157,7 +168,7 @@ fn compare_arrays(name: &str, golden: &Digest, found: &Digest, said: Option<&Tol
     let at_most = tolerance.at_most * if tolerance.metric == Metric::Relative { largest(golden) } else { 1.0 };
     // What is written down is rounded, which is no difference.
     let slack = |v: f64| if golden.dtype == "f32" { 1e-4 * v.abs().max(1.0) } else { 1e-8 * v.abs().max(1.0) };
-    let reach = |e: &Entry| e.allowed + if e.allowed > 0.0 { slack(e.expected) } else { 0.0 };
+    let reach = |e: &Entry| e.allowed + if e.allowed > 0.0 || e.is_statistic { slack(e.expected) } else { 0.0 };
     let all = entries(golden, found, at_most, is_picture);
     if tolerance.metric == Metric::Rms {
         let numbers = &all[golden.statistics.len().min(all.len())..];
@@ -165,12 +176,12 @@ fn compare_arrays(name: &str, golden: &Digest, found: &Digest, said: Option<&Tol
         let (rms, worst) = (mean.sqrt(), worst(numbers.iter()));
         let far = rms > at_most + if at_most > 0.0 { slack(largest(golden)) } else { 0.0 };
         let what = format!("root mean square {rms}, most of all {}", worst.map(told).unwrap_or_default());
-        return if far { wrong(what, format!("allowed {at_most} ({})", tolerance.reason)) } else { None };
+        return if far { wrong(what, format!("allowed {} ({})", number(at_most, SHOWN), tolerance.reason)) } else { None };
     }
     let beyond: Vec<&Entry> = all.iter().filter(|e| difference(e.expected, e.found) > reach(e)).collect();
     let worst = worst(beyond.iter().copied())?;
     let what = format!("{} of {} numbers differ, most of all {}", beyond.len(), all.len(), told(worst));
-    wrong(what, format!("allowed {} ({})", worst.allowed, tolerance.reason))
+    wrong(what, format!("allowed {} ({})", number(worst.allowed, SHOWN), tolerance.reason))
 }
 
 fn worst<'a>(entries: impl Iterator<Item = &'a Entry>) -> Option<&'a Entry> {
@@ -178,7 +189,8 @@ fn worst<'a>(entries: impl Iterator<Item = &'a Entry>) -> Option<&'a Entry> {
 }
 
 fn told(e: &Entry) -> String {
-    format!("{}: expected {}, found {}, difference {}", e.place, e.expected, e.found, difference(e.expected, e.found))
+    let apart = number(difference(e.expected, e.found), SHOWN);
+    format!("{}: expected {}, found {}, difference {apart}", e.place, e.expected, e.found)
 }
 
 /// Everything in which a value is not its reference; nothing where it is near enough. `output` is its name, by which tolerances are found.
@@ -197,7 +209,8 @@ pub fn compare(output: &str, golden: &Summary, found: &Summary, tolerances: &Tol
     let mut wrong = Vec::new();
     let one = |array: &str, what: String| Difference { array: array.to_owned(), what, allowed: String::new() };
     if golden.meta != found.meta {
-        wrong.push(one("meta", format!("expected {:?}, found {:?}", golden.meta, found.meta)));
+        let json = |of: &Summary| serde_json::Value::Object(of.meta.clone()).to_string();
+        wrong.push(one("meta", format!("expected {}, found {}", json(golden), json(found))));
     }
     for (name, digest) in &golden.arrays {
         match found.arrays.iter().find(|(n, _)| n == name) {
@@ -269,6 +282,14 @@ mod tests {
         assert!(!differ(false, "f64", 5.0, 6.0, Some(&said(Metric::Rms, 0.75))));
         assert!(differ(false, "f64", 5.0, 6.0, Some(&said(Metric::Rms, 0.7))));
         assert!(differ(false, "f64", 5.0, 6.0, Some(&said(Metric::Absolute, 0.9))));
+    }
+
+    #[test]
+    fn statistics_of_integers_are_written_rounded() {
+        let many =
+            |deviation: f64| Digest { statistics: vec![0.5, 0.0, 1.0, deviation], kept: Kept::Strided, ..digest("u8", vec![0.0, 1.0]) };
+        let differ = |a, b| compare_arrays("x", &many(a), &many(b), None, false).is_some();
+        assert!(!differ(0.363_092_189, 0.363_092_188_706_9) && differ(0.363_092, 0.363_093));
     }
 
     #[test]

@@ -13,6 +13,8 @@ const WHOLE: usize = 64;
 const BLOCKS: usize = 8;
 /// As [`WHOLE`], in a brief summary: one that is only to tell where a difference begins.
 const BRIEF: usize = 16;
+/// The longest text, as JSON, of a brief summary.
+const LONGEST_META: usize = 120;
 /// Hexadecimal digits of a content digest that are kept: 64 bits, which no two values of a show have in common.
 const BITS: usize = 16;
 
@@ -211,7 +213,10 @@ impl Summary {
         let parts = value.parts();
         let arrays = parts.arrays.iter().map(|(name, array)| ((*name).to_owned(), Digest::new(array, is_picture, whole))).collect();
         let bits = digest(value).to_hex().chars().take(BITS).collect();
-        Self { arrays, meta: parts.meta, bits: Some(bits), type_name: value.type_name().to_owned() }
+        // What a brief summary has no room for still counts by its bits.
+        let fits = whole > BRIEF || Json::Object(parts.meta.clone()).to_string().len() <= LONGEST_META;
+        let meta = if fits { parts.meta } else { Meta::new() };
+        Self { arrays, meta, bits: Some(bits), type_name: value.type_name().to_owned() }
     }
 
     /// The golden's text: an array a line, and long arrays over several.
@@ -262,7 +267,7 @@ impl Summary {
 }
 
 /// A number as JSON: fixed digits after the point for those below one, else so many significant ones. JSON has no NaN, which stands in quotes.
-fn number(value: f64, digits: usize) -> String {
+pub(super) fn number(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return format!("\"{value}\"");
     }

@@ -20,6 +20,7 @@ use pegbar_nodes::algo::codec::{self, EncodeOptions, Format, Picture};
 use pegbar_nodes::data::{Image, Matte};
 
 use crate::support::collect::{complaints, read};
+use crate::support::shot::cli;
 use crate::support::{files_below, root};
 
 /// The most bytes of a golden: more is no longer read by anybody.
@@ -185,6 +186,15 @@ fn graphs_give_what_their_goldens_say() {
         }
     }
     assert!(failed.is_empty(), "\n{}\n", failed.join("\n"));
+}
+
+#[test]
+fn the_hat_is_as_the_golden_beside_it_says() {
+    let out = tempfile::tempdir().unwrap();
+    let hat = root().join("examples/hat");
+    let ran = cli(&["test", hat.to_str().unwrap(), "--no-cache", "--out", out.path().to_str().unwrap()]);
+    assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
+    assert!(ran.out.starts_with("pass ") && !ran.out.contains("other bits"), "{}", ran.out);
 }
 
 #[test]
