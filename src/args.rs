@@ -296,8 +296,7 @@ impl GraphArgs {
             shot: self.shot.clone(),
             site: self.site.clone(),
             library: self.library.clone(),
-            unlocked: false,
-            base: PathBuf::new(),
+            ..LoadOptions::default()
         }
     }
 }

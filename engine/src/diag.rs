@@ -120,6 +120,17 @@ pub struct Diagnostic {
     pub found: Option<String>,
     /// What to do about it, one hint each.
     pub help: Vec<String>,
+    /// What to write instead of a part of the text at the problem's place, where that is known.
+    pub replacement: Option<Replacement>,
+}
+
+/// A word of the text at a problem's place, and what was most likely meant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Replacement {
+    /// As it is written.
+    pub word: String,
+    /// As it was meant.
+    pub by: String,
 }
 
 impl Diagnostic {
@@ -135,7 +146,16 @@ impl Diagnostic {
 
     /// A problem without a place.
     pub fn new(severity: Severity, code: &'static str, message: impl Into<String>) -> Self {
-        Self { code, severity, message: message.into(), labels: Vec::new(), expected: None, found: None, help: Vec::new() }
+        Self {
+            code,
+            severity,
+            message: message.into(),
+            labels: Vec::new(),
+            expected: None,
+            found: None,
+            help: Vec::new(),
+            replacement: None,
+        }
     }
 
     /// With one more label.
@@ -165,9 +185,15 @@ impl Diagnostic {
     /// With the hint "did you mean ...?" if one of the candidates is close to the word.
     pub fn did_you_mean<'c>(self, word: &str, candidates: impl IntoIterator<Item = &'c str>) -> Self {
         match did_you_mean(word, candidates) {
-            Some(candidate) => self.help(format!("did you mean `{candidate}`?")),
+            Some(candidate) => self.meant(word, candidate),
             None => self,
         }
+    }
+
+    /// With the hint that `by` was meant where `word` is written.
+    pub fn meant(mut self, word: &str, by: &str) -> Self {
+        self.replacement = Some(Replacement { word: word.to_owned(), by: by.to_owned() });
+        self.help(format!("did you mean `{by}`?"))
     }
 
     /// The place of the problem: the first primary label, else the first label.
@@ -222,6 +248,11 @@ impl SourceMap {
         let id = FileId(u32::try_from(self.files.len()).unwrap_or(u32::MAX));
         self.files.push(SourceFile { name: name.into(), text, line_starts });
         id
+    }
+
+    /// Every file, in the order in which they were added.
+    pub fn files(&self) -> impl Iterator<Item = FileId> + use<> {
+        (0..u32::try_from(self.files.len()).unwrap_or(u32::MAX)).map(FileId)
     }
 
     /// The name of a file; empty for one of another map.

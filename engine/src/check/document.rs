@@ -13,7 +13,7 @@ use crate::syntax::{EntryRef, FieldRef, NodeKind, NodeRef, Tree};
 use super::layers::Layer;
 use super::params::{Param, resembles};
 use super::resolve::Written;
-use super::{At, Checker, code, version};
+use super::{At, Checker, canonical, code, version};
 
 /// One use of one graph file.
 pub(super) struct Scope {
@@ -430,7 +430,7 @@ impl Checker<'_> {
     ) -> Entry {
         let (path, version) = version::split(path);
         let path = self.find_graph(scope, path);
-        let resolved = path.canonicalize().unwrap_or_else(|_| path.clone());
+        let resolved = canonical(&path);
         let files = self.scopes[scope].files.clone();
         if files.contains(&resolved) {
             self.error(code::GRAPH_RECURSION, type_at, format!("expected another graph, found one that uses itself: {}", path.display()));
@@ -441,7 +441,7 @@ impl Checker<'_> {
             self.error(code::GRAPH_RECURSION, type_at, message);
             return Entry::Broken;
         }
-        let text = match std::fs::read_to_string(&path) {
+        let text = match self.read(&path) {
             Ok(text) => text,
             Err(error) => {
                 self.no_graph_file(&path, type_at, &error);
@@ -462,7 +462,7 @@ impl Checker<'_> {
     fn find_graph(&self, scope: usize, path: &str) -> PathBuf {
         let beside = self.scopes[scope].base.join(path);
         let in_library = || self.library.iter().map(|folder| folder.join(path)).find(|p| p.is_file());
-        if beside.is_file() { beside } else { in_library().unwrap_or(beside) }
+        if beside.is_file() || self.options.texts.contains_key(&canonical(&beside)) { beside } else { in_library().unwrap_or(beside) }
     }
 
     /// Says where a graph is of another version than the one that is asked for.

@@ -138,7 +138,7 @@ impl Checker<'_> {
         }
         for (layer, path) in files {
             self.folder_variables(layer, &path);
-            match std::fs::read_to_string(&path) {
+            match self.read(&path) {
                 Ok(text) => self.read_layer(layer, &path, text, &stem),
                 Err(error) => {
                     let message = format!("expected the {} layer at {}, found {error}", layer.name(), path.display());

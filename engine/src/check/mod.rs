@@ -5,6 +5,7 @@
 
 mod document;
 mod files;
+mod inferred;
 mod layers;
 mod params;
 mod plugins;
@@ -24,6 +25,7 @@ use crate::graph::Graph;
 use crate::plugin::Lock;
 use crate::registry::Registry;
 
+pub use inferred::{Inferred, InferredOutput};
 pub use layers::{Layer, Setting, Settings};
 
 /// The codes of what can be wrong with a graph.
@@ -161,6 +163,8 @@ pub struct LoadOptions {
     pub unlocked: bool,
     /// Folder that paths in `variables` and `overrides` are held against; the working folder where empty.
     pub base: PathBuf,
+    /// Texts that count instead of those on disk, by canonical path: graph files that are being edited.
+    pub texts: BTreeMap<PathBuf, Arc<str>>,
 }
 
 /// A graph file that was read, with all that is wrong with it.
@@ -169,10 +173,14 @@ pub struct Loaded {
     pub sources: SourceMap,
     /// What is wrong, in the order of the files.
     pub diagnostics: Vec<Diagnostic>,
+    /// What was found out about each node, whether or not something is wrong; in the order in which nodes are written.
+    pub inferred: Vec<Inferred>,
     /// The graph; `None` where something is wrong.
     pub graph: Option<Graph>,
     /// Where each setting comes from.
     pub settings: Settings,
+    /// Folders in which graphs that are used were looked for, besides those of the files that use them.
+    pub library: Vec<PathBuf>,
 }
 
 impl Loaded {
@@ -198,6 +206,11 @@ pub fn load(path: &Path, registry: &Registry, options: &LoadOptions) -> Loaded {
 /// Checks the text of a graph file as if it stood at `path`.
 pub fn load_text(path: &Path, text: &str, registry: &Registry, options: &LoadOptions) -> Loaded {
     Checker::new(registry, options).check(path, text.to_owned())
+}
+
+/// The path without links and detours, as far as the file is there.
+fn canonical(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| crate::setting::normalise(path))
 }
 
 struct Checker<'a> {
@@ -235,6 +248,8 @@ struct Checker<'a> {
     settings: Settings,
     /// What files that the graph writes say of it.
     origin: Option<Arc<str>>,
+    /// What was found out about each node.
+    inferred: Vec<Inferred>,
 }
 
 /// A place in a file.
@@ -294,6 +309,7 @@ impl<'a> Checker<'a> {
             library: options.library.clone(),
             settings: Settings::default(),
             origin: None,
+            inferred: Vec::new(),
         }
     }
 
@@ -315,13 +331,28 @@ impl<'a> Checker<'a> {
         self.diagnostics.retain(|d| torn.is_empty() || !follows_from(d, &torn));
         crate::diag::sort(&mut self.diagnostics);
         let failed = self.diagnostics.iter().any(|d| d.severity == Severity::Error);
-        Loaded { sources: self.sources, diagnostics: self.diagnostics, graph: graph.filter(|_| !failed), settings: self.settings }
+        Loaded {
+            sources: self.sources,
+            diagnostics: self.diagnostics,
+            inferred: self.inferred,
+            graph: graph.filter(|_| !failed),
+            settings: self.settings,
+            library: self.library,
+        }
     }
 
     fn error(&mut self, code: &'static str, at: At, message: impl Into<String>) -> &mut Diagnostic {
         self.diagnostics.push(at.error(code, message));
         let last = self.diagnostics.len() - 1;
         &mut self.diagnostics[last]
+    }
+
+    /// The text of a file: as it is being edited, else as it is on disk.
+    fn read(&self, path: &Path) -> std::io::Result<String> {
+        match self.options.texts.get(&canonical(path)) {
+            Some(text) => Ok(text.to_string()),
+            None => std::fs::read_to_string(path),
+        }
     }
 
     fn push(&mut self, diagnostic: Diagnostic) {

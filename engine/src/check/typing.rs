@@ -57,6 +57,7 @@ impl Checker<'_> {
         for &node in &order {
             self.infer(node, &mut typed);
         }
+        self.inferred = self.conclude(&typed);
         self.no_frames();
         self.check_files(&typed);
         self.check_settings(&typed);
@@ -210,7 +211,7 @@ impl Checker<'_> {
         }
         let name = word.trim_matches('"');
         if is_value && self.scopes[given.scope].entries.contains_key(name) {
-            found = found.help(format!("did you mean `\"@{name}\"`?"));
+            found = found.meant(word, &format!("\"@{name}\""));
         }
         self.push(found);
     }

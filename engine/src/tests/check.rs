@@ -313,3 +313,56 @@ fn words(text: &str) -> Vec<String> {
     }
     out
 }
+
+#[test]
+fn texts_that_are_being_edited_count_instead_of_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().canonicalize().unwrap();
+    let inner = |ty: &str| format!("Graph(pegbar: 1, nodes: {{ \"n\": (type: \"{ty}\") }}, outputs: {{ \"o\": \"@n\" }})");
+    let main =
+        r#"Graph(pegbar: 1, frames: (first: 1, last: 4, fps: 24), nodes: { "g": (type: "graph:a/../in.ron") }, outputs: { "o": "@g" })"#;
+    let load = |texts: &[(&str, String)]| {
+        let texts = texts.iter().map(|(name, text)| (folder.join(name), text.as_str().into())).collect();
+        load_text(&folder.join("main.ron"), main, &registry(), &LoadOptions { texts, ..LoadOptions::default() })
+    };
+    assert_eq!(load(&[]).diagnostics[0].code, code::MISSING_FILE);
+    // The file need not be there at all.
+    assert_eq!(load(&[("in.ron", inner("test.frame"))]).diagnostics, []);
+    std::fs::create_dir(folder.join("a")).unwrap();
+    std::fs::write(folder.join("in.ron"), inner("test.frame")).unwrap();
+    assert_eq!(load(&[]).diagnostics, []);
+    assert_eq!(load(&[("in.ron", inner("test.none"))]).diagnostics[0].code, code::UNKNOWN_TYPE);
+}
+
+#[test]
+fn what_is_known_of_nodes_is_known_of_a_broken_graph_too() {
+    let text = r#"Graph(pegbar: 1, frames: (first: 1, last: 4, fps: 24), nodes: {
+        "f": (type: "test.frame"), "x": (type: "test.none"), "s": (type: "test.add", a: "@f"), "lost": (type: "test.add", a: "@nowhere"),
+        "of": (type: "test.load", of: "TimeMap"),
+    })"#;
+    let loaded = load_text(Path::new("main.ron"), text, &registry(), &LoadOptions::default());
+    assert!(loaded.graph.is_none());
+    let known = |name: &str| loaded.inferred.iter().find(|i| i.name == name).unwrap();
+    let outputs = |name: &str| known(name).outputs.iter().map(|o| (o.ty.as_str(), o.per_frame)).collect::<Vec<_>>();
+    assert_eq!((outputs("f"), known("f").is_certain), (vec![("Curve", true)], true));
+    assert_eq!((outputs("s"), known("s").is_certain), (vec![("Curve", true)], true));
+    assert_eq!((outputs("of"), known("of").is_certain), (vec![("TimeMap", false)], true));
+    assert_eq!((outputs("x"), known("lost").is_certain), (vec![], false));
+    assert_eq!(loaded.sources.slice(known("s").file, known("s").span), "\"s\"");
+    assert_eq!(known("s").clock.as_ref().map(|c| c.last), Some(4));
+}
+
+#[test]
+fn what_was_meant_stands_for_a_part_of_the_marked_text() {
+    let mut count = 0;
+    for case in cases() {
+        let (loaded, _) = case.load();
+        for (diagnostic, replacement) in loaded.diagnostics.iter().filter_map(|d| Some((d, d.replacement.as_ref()?))) {
+            let Some(label) = diagnostic.primary() else { continue };
+            let marked = loaded.sources.slice(label.file, label.span);
+            assert!(marked.contains(&replacement.word), "{}: `{}` in {marked}", case.name, replacement.word);
+            count += 1;
+        }
+    }
+    assert!(count >= 10, "{count} suggestions");
+}
