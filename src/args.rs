@@ -178,6 +178,13 @@ const FMT_EXAMPLES: &str = "Examples:
 
 A file that is no RON is left alone, and what is wrong with it is said.";
 
+const LSP_EXAMPLES: &str = "Editors start it themselves, and speak the Language Server Protocol with it:
+  VS Code    the extension in editors/vscode
+  Neovim     vim.lsp.config(\"pegbar\", { cmd = { \"pegbar\", \"lsp\" }, filetypes = { \"pegbar\" } })
+  Helix      [language-server.pegbar] command = \"pegbar\", args = [\"lsp\"]
+
+No node is run. Exit code 0 if the editor said goodbye, 1 if it went away.";
+
 /// Runs dataflow graphs of animation nodes: capture drawn motion, put it on other drawings, stylise it, lift it to 3D.
 #[derive(Debug, Parser)]
 #[command(name = "pegbar", version, about, after_help = CLI_EXAMPLES, arg_required_else_help = true, max_term_width = 110)]
@@ -224,6 +231,9 @@ pub(crate) enum Command {
     /// Hold graphs against their goldens, and say which node left its reference first, at which frame.
     #[command(after_help = TEST_EXAMPLES)]
     Test(TestArgs),
+    /// Serve an editor: diagnostics, completion, hover, renaming and the like while a graph is typed.
+    #[command(after_help = LSP_EXAMPLES)]
+    Lsp(LspArgs),
     /// Look after the cache: what results are kept from run to run.
     #[command(subcommand, after_help = CACHE_EXAMPLES)]
     Cache(CacheCommand),
@@ -618,6 +628,32 @@ pub(crate) struct WhoseArgs {
     /// Text for people, or JSON for programs.
     #[arg(long, value_enum, default_value_t = Format::Text)]
     pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct LspArgs {
+    /// Over the standard input and output: the only way, and the default.
+    #[arg(long)]
+    pub(crate) stdio: bool,
+    /// Folder that `$out` stands for; `out` in the folder that the editor has open if left out.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Folder of a shot, for which graphs are then checked.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) shot: Option<PathBuf>,
+    /// Folder in which graphs that a graph uses are looked for, besides its own; several times.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) library: Vec<PathBuf>,
+    /// Layer of every show.
+    #[arg(long, value_name = "FILE", env = "PEGBAR_SITE")]
+    pub(crate) site: Option<PathBuf>,
+}
+
+impl LspArgs {
+    pub(crate) fn load_options(&self) -> LoadOptions {
+        let (shot, site, library) = (self.shot.clone(), self.site.clone(), self.library.clone());
+        LoadOptions { out: self.out.clone().unwrap_or_default(), shot, site, library, ..LoadOptions::default() }
+    }
 }
 
 #[derive(Args, Debug)]

@@ -85,7 +85,7 @@ pub(crate) fn wrap(text: &str, indent: usize) -> String {
     out.lines().map(|l| format!("{}\n", l.trim_end())).collect()
 }
 
-fn kind_text(kind: Kind) -> &'static str {
+pub(crate) fn kind_text(kind: Kind) -> &'static str {
     match kind {
         Kind::PerFrame => "per frame: any frame by itself",
         Kind::Recurrent => "recurrent: frame after frame, each from the state of another",
@@ -124,7 +124,7 @@ fn plugin_text(node: &NodeType) -> String {
 }
 
 /// `0 to 10`, `at least 0`, `at most 10`.
-fn range_text((least, greatest): (f64, f64)) -> String {
+pub(crate) fn range_text((least, greatest): (f64, f64)) -> String {
     match (least.is_finite(), greatest.is_finite()) {
         (true, true) => format!("{least} to {greatest}"),
         (true, false) => format!("at least {least}"),
@@ -133,7 +133,7 @@ fn range_text((least, greatest): (f64, f64)) -> String {
     }
 }
 
-fn type_of(input: &InputSchema) -> String {
+pub(crate) fn type_of(input: &InputSchema) -> String {
     let base = match &input.ty {
         InputType::Value(name) => (*name).to_owned(),
         InputType::Any => "any type".to_owned(),

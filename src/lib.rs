@@ -15,6 +15,7 @@ mod fmt;
 mod graph;
 mod leave;
 mod list;
+mod lsp;
 mod new;
 mod observers;
 mod plan;
@@ -70,6 +71,7 @@ where
         args::Command::Graph(args) => graph::graph(&args, registry, console),
         args::Command::Fmt(args) => fmt::fmt(&args, console),
         args::Command::Test(args) => test::test(&args, registry, console),
+        args::Command::Lsp(args) => lsp::lsp(&args, registry, console),
         args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Plan(args) => plan::plan(&args, registry, console),
         args::Command::Plugin(command) => plugin::plugin(&command, registry, console),
