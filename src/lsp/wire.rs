@@ -148,8 +148,10 @@ impl<'a> Out<'a> {
     }
 
     fn send(&mut self, message: &Value) {
-        let body = message.to_string();
-        let written = write!(self.stream, "Content-Length: {}\r\n\r\n{body}", body.len()).and_then(|()| self.stream.flush());
+        // Many times as fast as `to_string`, which goes through a formatter.
+        let Ok(body) = serde_json::to_vec(message) else { return };
+        let written = write!(self.stream, "Content-Length: {}\r\n\r\n", body.len());
+        let written = written.and_then(|()| self.stream.write_all(&body)).and_then(|()| self.stream.flush());
         self.is_broken |= written.is_err();
     }
 }
