@@ -34,9 +34,27 @@ const RUN_EXAMPLES: &str = "Examples:
   pegbar run hat.ron --only track.motion           the motion alone, as out/track.motion.npz
   pegbar run hat.ron --progress json | jq .        for a farm: one JSON object a line
   pegbar run hat.ron --trace t.json                when each task ran: open t.json in ui.perfetto.dev
+  pegbar run hat.ron --report hat.html             one page to look through: pictures, curves, times, settings, failures
   pegbar run hat.ron --save-failure failed         what failed, to be run alone: pegbar replay failed/NODE@FRAME
 
 Progress goes to stderr, but for --progress json, which goes to stdout.";
+
+const WEDGE_EXAMPLES: &str = "Examples:
+  pegbar wedge hat.ron --set track.levels=1,2,4                     a run of each; out/wedge.png shows them, out/wedge.csv compares them
+  pegbar wedge hat.ron --set matte.close_gaps=0..12x4 --set track.model=rigid,affine    every combination: 4 x 2 runs
+  pegbar wedge hat.ron --set track.levels=2,4 --set track.model=rigid,affine --zip      the first of each, then the second of each
+  pegbar wedge hat.ron --set matte.close_gaps=0..12/5 --only comp --frames 12           five values from 0 to 12; one frame of one node
+  pegbar wedge hat.ron --var art=witch.png,bowler.png --show overlay --at 1,24,48       another picture, at three frames, on the sheet
+
+Values are lists a,b,c, ranges 1..5 or 1..9x2 (ends included, every second) and 0..1/5 (five, evenly), or several of these. Commas in brackets and
+quotes part nothing. A single value holds for all. What variants have in common is made once and taken from the cache by the others.
+Each writes below DIR/wedge_NAME=VALUE/.
+
+Exit codes:
+  0    every variant is whole
+  1    a variant failed; the others are whole
+  2    the graph or the command line is wrong
+  130  cancelled";
 
 const CHECK_EXAMPLES: &str = "Examples:
   pegbar check hat.ron                           errors with the source underlined, on stderr
@@ -201,6 +219,9 @@ pub(crate) enum Command {
     /// Run a graph: make every file that its sinks write.
     #[command(after_help = RUN_EXAMPLES, after_long_help = format!("{RUN_EXAMPLES}\n\n{EXIT_CODES}"))]
     Run(RunArgs),
+    /// Run a graph over ranges of its settings: a folder for each variant, a contact sheet and a table to compare them.
+    #[command(after_help = WEDGE_EXAMPLES)]
+    Wedge(WedgeArgs),
     /// Run one failed task again, alone, from what `run --save-failure` saved.
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(ReplayArgs),
@@ -329,9 +350,35 @@ pub(crate) struct RunArgs {
     /// Write when each task ran, on which thread, and the memory of results, for ui.perfetto.dev or chrome://tracing.
     #[arg(long, value_name = "FILE")]
     pub(crate) trace: Option<PathBuf>,
+    /// Write a page that shows the run: the graph with what each node cost, what came out of each node, settings and who made them, failures, files.
+    #[arg(long, value_name = "FILE.html")]
+    pub(crate) report: Option<PathBuf>,
     /// Save the first failure of each node, 8 at most, with all that the node was given, as DIR/NODE@FRAME for `pegbar replay`.
     #[arg(long, value_name = "DIR")]
     pub(crate) save_failure: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct WedgeArgs {
+    #[command(flatten)]
+    pub(crate) graph: GraphArgs,
+    /// The first value of each --set and --var that has several, then the second of each, and so on, rather than every combination.
+    #[arg(long)]
+    pub(crate) zip: bool,
+    /// Output on the contact sheet, as NODE.OUTPUT; if left out that of --only, the first picture that the graph declares, or the first that it writes.
+    #[arg(long, value_name = "NODE.OUTPUT")]
+    pub(crate) show: Option<String>,
+    /// Frames on the contact sheet, side by side; the one in the middle if left out.
+    #[arg(long, value_name = "FRAMES", allow_hyphen_values = true)]
+    pub(crate) at: Option<FrameSet>,
+    /// Frames, as of `run`.
+    #[arg(long, value_name = "FRAMES", allow_hyphen_values = true)]
+    pub(crate) frames: Option<FrameSet>,
+    /// A node or an output, as of `run`.
+    #[arg(long, value_name = "NODE")]
+    pub(crate) only: Option<String>,
+    #[command(flatten)]
+    pub(crate) resources: Resources,
 }
 
 /// What a run may use, and what it leaves for the next.

@@ -23,6 +23,7 @@ mod plugin;
 mod pool;
 mod progress;
 mod replay;
+mod report;
 mod resources;
 mod run;
 mod summary;
@@ -30,6 +31,7 @@ mod test;
 mod trace;
 mod upgrade;
 mod whence;
+mod wedge;
 mod whose;
 mod why;
 
@@ -63,6 +65,7 @@ where
     };
     match cli.command {
         args::Command::Run(args) => run::run(&args, registry, console),
+        args::Command::Wedge(args) => wedge::wedge(&args, registry, console),
         args::Command::Replay(args) => replay::replay(&args, registry, console),
         args::Command::Check(args) => check::check(&args, registry, console),
         args::Command::Nodes(args) => list::nodes(&args, registry, console),

@@ -1,8 +1,9 @@
 //! Several observers of one run.
 
-use pegbar_engine::exec::{Done, Failure, Observer};
-use pegbar_engine::graph::Graph;
+use pegbar_engine::exec::{Done, Failure, Observer, Results};
+use pegbar_engine::graph::{Graph, Port};
 use pegbar_engine::plan::Plan;
+use pegbar_engine::value::ValueRef;
 
 /// Tells each of these, in order.
 pub(crate) struct Observers<'a>(pub(crate) Vec<&'a dyn Observer>);
@@ -10,6 +11,18 @@ pub(crate) struct Observers<'a>(pub(crate) Vec<&'a dyn Observer>);
 impl Observer for Observers<'_> {
     fn planned(&self, graph: &Graph, plan: &Plan) {
         self.0.iter().for_each(|o| o.planned(graph, plan));
+    }
+
+    fn wanted(&self, graph: &Graph, plan: &Plan) {
+        self.0.iter().for_each(|o| o.wanted(graph, plan));
+    }
+
+    fn made(&self, graph: &Graph, port: Port, frame: Option<i64>, value: &ValueRef) {
+        self.0.iter().for_each(|o| o.made(graph, port, frame, value));
+    }
+
+    fn ended(&self, results: &Results) {
+        self.0.iter().for_each(|o| o.ended(results));
     }
 
     fn started(&self, node: usize, frame: Option<i64>, thread: usize) {

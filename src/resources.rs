@@ -49,13 +49,23 @@ impl Ready {
 
     /// How a job on `graph_file` is run.
     pub(crate) fn how<'a>(&'a self, graph_file: &'a Path, sources: &'a SourceMap) -> How<'a> {
+        self.how_with(graph_file, sources, &self.policies)
+    }
+
+    /// What is kept of single nodes: what was asked for, before `others`.
+    pub(crate) fn policies_with(&self, others: &[(String, Policy)]) -> Vec<(String, Policy)> {
+        others.iter().chain(&self.policies).cloned().collect()
+    }
+
+    /// As [`Ready::how`], with what is kept of single nodes.
+    pub(crate) fn how_with<'a>(&'a self, graph_file: &'a Path, sources: &'a SourceMap, policies: &'a [(String, Policy)]) -> How<'a> {
         let keep = self.cache.clone().zip(self.folder.as_deref()).map(|(cache, folder)| Keep {
             cache,
             folder,
             graph_file,
             sources,
             policy: self.policy,
-            policies: &self.policies,
+            policies,
         });
         let spill = self.folder.as_ref().map_or_else(std::env::temp_dir, |folder| folder.join("v1").join("spill"));
         How {

@@ -1,5 +1,6 @@
 //! `pegbar run`: makes what a graph writes.
 
+use std::fmt::Display;
 use std::path::Path;
 
 use pegbar_engine::check::{Loaded, load};
@@ -15,6 +16,7 @@ use crate::console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG, 
 use crate::observers::Observers;
 use crate::progress::{Reporter, Style, finished_line};
 use crate::replay::Saver;
+use crate::report::{self, Catcher, Facts};
 use crate::resources::Ready;
 use crate::summary::summary;
 use crate::trace::Trace;
@@ -39,22 +41,31 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) ->
     }
     let saver = args.save_failure.as_deref().map(Saver::new);
     let trace = args.trace.as_deref().map(|path| (path, Trace::new(threads)));
-    if !write_trace(trace.as_ref(), console) {
+    let catcher = args.report.as_ref().map(|_| Catcher::new(graph.nodes.len()));
+    let unended = args.report.as_deref().map_or(Ok(()), |path| report::write_unended(path, &args.graph.graph));
+    if !write_trace(trace.as_ref(), console) || !told("report", unended, console) {
         return EXIT_WRONG;
     }
     let how = ready.how(&args.graph.graph, &loaded.sources);
-    let outcome = watched(args, graph, &job, [saver.as_ref().map(observer), trace.as_ref().map(|(_, t)| observer(t))], how, console);
+    let others = [saver.as_ref().map(observer), trace.as_ref().map(|(_, t)| observer(t)), catcher.as_ref().map(observer)];
+    let outcome = watched(args, graph, &job, others, how, console);
     ready.say_trouble(console);
     let code = conclude(args, &loaded, graph, &outcome, console);
     say_saved(saver, console);
-    if write_trace(trace.as_ref(), console) { code } else { code.max(EXIT_FAILED) }
+    let facts = Facts { graph_file: &args.graph.graph, loaded: &loaded, graph, outcome: &outcome, threads, memory: ready.memory() };
+    let reported = args.report.as_deref().zip(catcher).map_or(Ok(()), |(path, catcher)| report::write(path, &facts, catcher));
+    if write_trace(trace.as_ref(), console) & told("report", reported, console) { code } else { code.max(EXIT_FAILED) }
 }
 
 /// Writes the trace, if one was asked for: before the run too, so that a path that cannot be written is known from the start.
 fn write_trace(trace: Option<&(&Path, Trace)>, console: &mut Console) -> bool {
-    let written = trace.map_or(Ok(()), |(path, trace)| trace.write(path));
+    told("trace", trace.map_or(Ok(()), |(path, trace)| trace.write(path)), console)
+}
+
+/// Says that something beside the outputs could not be written; true where it could.
+fn told<E: Display>(what: &str, written: Result<(), E>, console: &mut Console) -> bool {
     if let Err(error) = &written {
-        console.say(&format!("error: the trace cannot be written: {error}\n"));
+        console.say(&format!("error: the {what} cannot be written: {error}\n"));
     }
     written.is_ok()
 }
@@ -79,7 +90,7 @@ fn refuse(loaded: &Loaded, wrong: Diagnostic, console: &mut Console) -> u8 {
 }
 
 /// Runs the job while another thread shows how far it is.
-fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observer>; 2], how: How, console: &mut Console) -> Outcome {
+fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observer>; 3], how: How, console: &mut Console) -> Outcome {
     let style = match args.progress {
         Progress::Auto if console.is_terminal => Style::Bar,
         Progress::Auto | Progress::Plain => Style::Plain,

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use crate::graph::{Binding, Graph, GraphNode, Port};
 use crate::node::Kind;
 
-use layout::{HEADER, Layout, ROW, layout};
+use layout::{HEADER, Layout, NOTE, ROW, layout};
 
 /// A wire that ends at a row of a node: an input, or one reference of a list.
 pub(crate) struct Socket {
@@ -156,10 +156,16 @@ const WIRES: [&str; 8] = ["#3b6ea8", "#b0532b", "#3c8d57", "#8551a3", "#a8862b",
 
 /// The graph as a picture: layers from left to right, each node right of what it reads, sub-graphs in boxes.
 pub fn svg(graph: &Graph) -> String {
-    let layout = layout(graph);
+    svg_noted(graph, &[])
+}
+
+/// As [`svg`], with lines of text at the foot of each node: `notes` has a list for each, or none at all. Parts have classes (`ground`, `cluster`,
+/// `wire`, `type`, `node`, `note`) and nodes the ids `n0`, `n1` and so on, for the style sheet of a page that holds it.
+pub fn svg_noted(graph: &Graph, notes: &[Vec<String>]) -> String {
+    let layout = layout(graph, notes);
     let types: BTreeMap<String, usize> = type_colours(graph);
     let mut out = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w:.0}\" height=\"{h:.0}\" viewBox=\"0 0 {w:.0} {h:.0}\" font-family=\"Helvetica, Arial, sans-serif\" font-size=\"11\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n",
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w:.0}\" height=\"{h:.0}\" viewBox=\"0 0 {w:.0} {h:.0}\" font-family=\"Helvetica, Arial, sans-serif\" font-size=\"11\">\n<rect class=\"ground\" width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n",
         w = layout.width,
         h = layout.height
     );
@@ -167,11 +173,11 @@ pub fn svg(graph: &Graph) -> String {
         let [x, y, w, h] = cluster.rect;
         let _ = writeln!(
             out,
-            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"10\" fill=\"#f4f4f2\" fill-opacity=\"0.7\" stroke=\"#b9b9b3\" stroke-dasharray=\"5 3\"/>"
+            "<rect class=\"cluster\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"10\" fill=\"#f4f4f2\" fill-opacity=\"0.7\" stroke=\"#b9b9b3\" stroke-dasharray=\"5 3\"/>"
         );
         let _ = writeln!(
             out,
-            "<text x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\" fill=\"#77776f\">{}</text>",
+            "<text class=\"note\" x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\" fill=\"#77776f\">{}</text>",
             x + 10.0,
             y + 14.0,
             escape(&cluster.name)
@@ -183,9 +189,13 @@ pub fn svg(graph: &Graph) -> String {
         }
     }
     for (i, node) in graph.nodes.iter().enumerate() {
-        svg_node(&layout, i, node, &mut out);
+        svg_node(&layout, i, node, notes.get(i).map_or(&[], Vec::as_slice), &mut out);
     }
-    let _ = writeln!(out, "<text x=\"12\" y=\"{:.1}\" font-size=\"10\" fill=\"#888888\">* one value a frame</text>", layout.height - 8.0);
+    let _ = writeln!(
+        out,
+        "<text class=\"note\" x=\"12\" y=\"{:.1}\" font-size=\"10\" fill=\"#888888\">* one value a frame</text>",
+        layout.height - 8.0
+    );
     out.push_str("</svg>\n");
     out
 }
@@ -210,24 +220,28 @@ fn svg_wire(graph: &Graph, layout: &Layout, node: usize, row: usize, socket: &So
     }
     let from = escape(&graph.port_name(socket.port));
     let to = escape(&format!("{}.{}", graph.nodes[node].name, socket.name));
-    let _ = writeln!(out, "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"><title>{from} to {to}</title></path>");
+    let _ = writeln!(
+        out,
+        "<path class=\"wire\" d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"><title>{from} to {to}</title></path>"
+    );
     if let Some([x, y]) = points.last() {
         let label = escape(&type_label(graph, socket.port));
         let _ = writeln!(
             out,
-            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\" font-size=\"9\" fill=\"{colour}\" stroke=\"#ffffff\" stroke-width=\"3\" paint-order=\"stroke\">{label}</text>",
+            "<text class=\"type\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\" font-size=\"9\" fill=\"{colour}\" stroke=\"#ffffff\" stroke-width=\"3\" paint-order=\"stroke\">{label}</text>",
             x - 7.0,
             y - 3.0
         );
     }
 }
 
-fn svg_node(layout: &Layout, i: usize, node: &GraphNode, out: &mut String) {
+fn svg_node(layout: &Layout, i: usize, node: &GraphNode, notes: &[String], out: &mut String) {
     let [x, y, w, h] = layout.nodes[i];
     let fill = colour(node.ty.schema.kind);
     let mut title = vec![format!("{} ({})", node.name, node.ty.schema.id)];
     title.extend(literals(node));
-    let _ = writeln!(out, "<g><title>{}</title>", title.iter().map(|t| escape(t)).collect::<Vec<_>>().join("\n"));
+    let _ =
+        writeln!(out, "<g class=\"node\" id=\"n{i}\"><title>{}</title>", title.iter().map(|t| escape(t)).collect::<Vec<_>>().join("\n"));
     let _ =
         writeln!(out, "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\" rx=\"7\" fill=\"{fill}\" stroke=\"#55606b\"/>");
     let middle = x + w / 2.0;
@@ -239,7 +253,7 @@ fn svg_node(layout: &Layout, i: usize, node: &GraphNode, out: &mut String) {
     );
     let _ = writeln!(
         out,
-        "<text x=\"{middle:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"10\" fill=\"#55606b\">{}</text>",
+        "<text x=\"{middle:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"10\" class=\"note\" fill=\"#55606b\">{}</text>",
         y + 30.0,
         escape(node.ty.schema.id)
     );
@@ -262,6 +276,15 @@ fn svg_node(layout: &Layout, i: usize, node: &GraphNode, out: &mut String) {
             cx - 8.0,
             cy + 4.0,
             escape(output.name)
+        );
+    }
+    let foot = y + h - 4.0 - notes.len() as f64 * NOTE;
+    for (row, note) in notes.iter().enumerate() {
+        let _ = writeln!(
+            out,
+            "<text class=\"note\" x=\"{middle:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"10\" fill=\"#55606b\">{}</text>",
+            foot + (row as f64 + 0.75) * NOTE,
+            escape(note)
         );
     }
     out.push_str("</g>\n");

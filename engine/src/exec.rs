@@ -19,6 +19,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use crate::cache::Cache;
 use crate::graph::{Graph, Port};
 use crate::key::{Keys, files_of_plan};
 use crate::node::{Arg, Cancel, Fault, NodeError};
@@ -82,8 +83,15 @@ impl Default for Options<'_> {
 
 /// Is told what happens, on the thread where it happens.
 pub trait Observer: Sync {
-    /// A plan was made, and is about to run.
+    /// A plan was made; what the cache has is still to be taken out of it.
+    fn wanted(&self, _graph: &Graph, _plan: &Plan) {}
+    /// A plan is about to run.
     fn planned(&self, _graph: &Graph, _plan: &Plan) {}
+    /// A value came of a task. `frame` is that of the value, `None` for one that does not change over time. Whoever keeps it costs its readers the
+    /// sole hold, and the run memory that it does not count.
+    fn made(&self, _graph: &Graph, _port: Port, _frame: Option<i64>, _value: &ValueRef) {}
+    /// A plan has run that the cache served: what came from there can be read back.
+    fn ended(&self, _results: &Results) {}
     /// A task starts on one of the threads, which are numbered from 0.
     fn started(&self, _node: usize, _frame: Option<i64>, _thread: usize) {}
     /// A task is done, or has failed.
@@ -93,6 +101,27 @@ pub trait Observer: Sync {
     /// True for one who wants [`Failure::given`]. It costs nodes the sole hold of their inputs, and so copies.
     fn keeps_inputs(&self) -> bool {
         false
+    }
+}
+
+/// What the cache has of a plan that ran.
+pub struct Results<'a> {
+    /// The graph.
+    pub graph: &'a Graph,
+    keys: &'a Keys,
+    cache: &'a Cache,
+}
+
+impl Results<'_> {
+    /// The value of a port at a frame, which is of no account where it does not change over time; `None` where the cache does not have it, or it has
+    /// more than `most` bytes.
+    pub fn get(&self, port: Port, frame: i64, most: u64) -> Option<ValueRef> {
+        let node = self.graph.nodes.get(port.node)?;
+        let index = if self.graph.is_single(port) { 0 } else { node.clock.index(frame)? };
+        self.keys.task(port.node, if node.runs_once() { 0 } else { index })?;
+        let key = self.keys.value(port.node, port.output, index);
+        self.cache.find(&key).filter(|entry| entry.bytes <= most)?;
+        self.cache.load(&key, None, &self.graph.types)
     }
 }
 
@@ -275,6 +304,7 @@ fn run_again(graph: &Graph, plan: Plan, sizes: &Sizes, options: &Options) -> Res
 
 fn run_once(graph: &Graph, mut plan: Plan, sizes: &Sizes, options: &Options, tries: usize) -> Result<Report, PlanError> {
     let layout = Layout::new(graph, &plan);
+    options.observer.wanted(graph, &plan);
     let with = options.cache.as_ref().filter(|_| tries < TRIES);
     let Some(with) = with else {
         fits(graph, &plan, &layout, sizes, options)?;
@@ -290,7 +320,8 @@ fn run_once(graph: &Graph, mut plan: Plan, sizes: &Sizes, options: &Options, tri
     options.observer.planned(graph, &plan);
     let cached = Cached::new(with, graph, &plan, &layout, &keys, pruned);
     let mut report = run::run(graph, &plan, &layout, sizes, Some(&cached), options);
-    report.stats.iter_mut().zip(skipped).for_each(|(stats, skipped)| stats.skipped = skipped);
+    report.stats.iter_mut().zip(skipped).for_each(|(stats, skipped)| stats.skipped += skipped);
+    options.observer.ended(&Results { graph, keys: &keys, cache: &with.cache });
     Ok(report)
 }
 

@@ -110,6 +110,15 @@ impl Plan {
         self.nodes.iter().map(|n| n.wanted.iter().filter(|w| **w).count()).sum()
     }
 
+    /// Frames of one node that are needed; of a node that runs once all of its clock, if it is needed at all.
+    pub fn frames_of(&self, graph: &Graph, node: usize) -> Vec<i64> {
+        let (spec, wanted) = (&graph.nodes[node], &self.nodes[node].wanted);
+        if spec.runs_once() {
+            return if wanted.contains(&true) { spec.clock.frames().collect() } else { Vec::new() };
+        }
+        spec.clock.frames().zip(wanted).filter(|(_, wanted)| **wanted).map(|(frame, _)| frame).collect()
+    }
+
     /// Number of tasks of one node.
     pub fn tasks_of(&self, node: usize) -> usize {
         self.nodes[node].wanted.iter().filter(|w| **w).count()

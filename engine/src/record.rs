@@ -380,7 +380,7 @@ fn ranges(frames: impl Iterator<Item = i64>) -> Vec<(i64, i64)> {
 }
 
 /// `2002-07-23 14:05 UTC`.
-fn date(time: SystemTime) -> String {
+pub fn date(time: SystemTime) -> String {
     let seconds = time.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     let (days, minutes) = ((seconds / 86_400) as i64, seconds / 60 % 1440);
     // Days to a date, counting years from March (Howard Hinnant, "chrono-compatible low-level date algorithms", civil_from_days).

@@ -12,6 +12,8 @@ use super::{folder, folders, short_name, sockets, type_label};
 pub(crate) const HEADER: f64 = 38.0;
 /// Height of a port.
 pub(crate) const ROW: f64 = 17.0;
+/// Height of a line at the foot of a node.
+pub(crate) const NOTE: f64 = 13.0;
 const MARGIN: f64 = 24.0;
 /// Between two nodes of a layer.
 const GAP: f64 = 18.0;
@@ -66,10 +68,10 @@ struct Item {
 }
 
 /// Places everything. O((nodes + wires times layers crossed) log), but for the layers, which take O(nodes times wires) at worst.
-pub(crate) fn layout(graph: &Graph) -> Layout {
+pub(crate) fn layout(graph: &Graph, notes: &[Vec<String>]) -> Layout {
     let layers = layers(graph);
     let lanes = lanes(graph);
-    let mut items = items(graph, &layers, &lanes);
+    let mut items = items(graph, notes, &layers, &lanes);
     let n_layers = layers.iter().max().map_or(0, |l| l + 1);
     let n_lanes = lanes.iter().max().map_or(0, |l| l + 1);
     let mut columns: Vec<Vec<usize>> = vec![Vec::new(); n_layers];
@@ -110,20 +112,23 @@ fn text_width(text: &str) -> f64 {
     text.chars().count() as f64 * CHAR
 }
 
-fn node_size(graph: &Graph, node: usize) -> [f64; 2] {
+fn node_size(graph: &Graph, notes: &[Vec<String>], node: usize) -> [f64; 2] {
+    let notes = notes.get(node).map_or(&[][..], Vec::as_slice);
     let spec = &graph.nodes[node];
     let (sockets, outputs) = (sockets(spec), &spec.ty.schema.outputs);
     let rows = sockets.len().max(outputs.len());
     let row_width =
         |r: usize| text_width(sockets.get(r).map_or("", |s| &s.name)) + text_width(outputs.get(r).map_or("", |o| o.name)) + 34.0;
     let title = (text_width(short_name(spec)) * 1.15).max(text_width(spec.ty.schema.id)) + 20.0;
-    let width = (0..rows).map(row_width).fold(title.max(90.0), f64::max);
-    [width, HEADER + rows as f64 * ROW + 6.0]
+    let noted = notes.iter().map(|n| text_width(n) * 0.9 + 16.0);
+    let width = (0..rows).map(row_width).chain(noted).fold(title.max(90.0), f64::max);
+    [width, HEADER + rows as f64 * ROW + 6.0 + notes.len() as f64 * NOTE]
 }
 
-fn items(graph: &Graph, layers: &[usize], lanes: &[usize]) -> Vec<Item> {
+fn items(graph: &Graph, notes: &[Vec<String>], layers: &[usize], lanes: &[usize]) -> Vec<Item> {
     let item = |node, wire, layer, lane, size| Item { node, wire, layer, lane, size, y: 0.0, left: Vec::new(), right: Vec::new() };
-    let mut items: Vec<Item> = (0..graph.nodes.len()).map(|i| item(Some(i), (i, 0), layers[i], lanes[i], node_size(graph, i))).collect();
+    let mut items: Vec<Item> =
+        (0..graph.nodes.len()).map(|i| item(Some(i), (i, 0), layers[i], lanes[i], node_size(graph, notes, i))).collect();
     for (i, node) in graph.nodes.iter().enumerate() {
         for (row, socket) in sockets(node).iter().enumerate() {
             let mut before = socket.port.node;
@@ -274,7 +279,7 @@ mod tests {
         let mut graph = wide();
         graph.nodes[1].name = "sub/a".to_owned();
         graph.nodes[2].name = "sub/deep/b".to_owned();
-        let layout = layout(&graph);
+        let layout = layout(&graph, &[]);
         for (i, node) in graph.nodes.iter().enumerate() {
             for (row, socket) in sockets(node).iter().enumerate() {
                 let path = layout.path(i, row, socket.port);

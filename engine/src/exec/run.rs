@@ -38,6 +38,8 @@ pub(super) struct Run<'a> {
     layout: &'a Layout,
     sizes: &'a Sizes,
     cached: Option<&'a Cached<'a>>,
+    /// Tasks of each node that turned out to have been run before, on the same contents.
+    cut: Vec<AtomicUsize>,
     /// What each task still waits for.
     pending: Vec<AtomicU32>,
     flags: Vec<AtomicU8>,
@@ -169,6 +171,7 @@ impl<'a> Run<'a> {
             layout,
             sizes,
             cached,
+            cut: graph.nodes.iter().map(|_| AtomicUsize::new(0)).collect(),
             pending: counted.pending,
             flags: (0..layout.n_tasks()).map(|_| AtomicU8::new(0)).collect(),
             is_target,
@@ -296,6 +299,7 @@ impl<'a> Run<'a> {
     fn attempt(&self, task: Task, thread: usize, desk: &mut Desk) -> Attempt {
         if self.cached.is_some_and(|c| c.cut(task, &self.memory, self.sizes)) {
             self.pass_over(task);
+            self.cut[task.node as usize].fetch_add(1, Ordering::Relaxed);
             return Attempt::Done(true);
         }
         let window = self.window(task);
@@ -586,11 +590,25 @@ impl<'a> Run<'a> {
                 Some(OutValue::One(value)) => vec![value],
                 Some(OutValue::Stream(values)) => values,
             };
+            self.show(Port { node: task.node as usize, output: p }, task.index, &values);
             for (slot, value) in slots.zip(values) {
                 self.memory.put(slot, value, stored.next().flatten(), cost, charge)?;
             }
         }
         Ok(())
+    }
+
+    /// Shows the observer what came out of a port; a state is nobody's business.
+    fn show(&self, port: Port, index: u32, values: &[ValueRef]) {
+        let node = &self.graph.nodes[port.node];
+        if port.output >= node.ty.schema.outputs.len() {
+            return;
+        }
+        let first = node.clock.first + i64::from(index);
+        for (at, value) in values.iter().enumerate() {
+            let frame = (!node.is_single(port.output)).then_some(first + at as i64);
+            self.options.observer.made(self.graph, port, frame, value);
+        }
     }
 
     /// Tells everyone who waits for a task that it is done, or that it never will be.
@@ -704,7 +722,10 @@ impl<'a> Run<'a> {
                 && (self.open_targets.load(Ordering::Acquire) > 0 || self.unreached.load(Ordering::Relaxed) > 0),
             unreached: self.unreached.load(Ordering::Relaxed),
             stats: (0..self.graph.nodes.len())
-                .map(|node| NodeStats { peak_bytes: self.memory.meter(node).peak(), ..self.sizes.stats(node) })
+                .map(|node| {
+                    let skipped = self.cut[node].load(Ordering::Relaxed) as u64;
+                    NodeStats { skipped, peak_bytes: self.memory.meter(node).peak(), ..self.sizes.stats(node) }
+                })
                 .collect(),
             failures,
             kept,
