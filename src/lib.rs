@@ -30,8 +30,8 @@ mod summary;
 mod test;
 mod trace;
 mod upgrade;
-mod whence;
 mod wedge;
+mod whence;
 mod whose;
 mod why;
 

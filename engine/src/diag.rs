@@ -260,11 +260,6 @@ impl SourceMap {
         self.file(file).map_or("", |file| &file.name)
     }
 
-    /// Every source: its name and its text, in the order in which they were added.
-    pub fn files(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.files.iter().map(|file| (file.name.as_str(), file.text.as_ref()))
-    }
-
     /// The text of a file; empty for one of another map.
     pub fn text(&self, file: FileId) -> &str {
         self.file(file).map_or("", |file| &file.text)

@@ -38,7 +38,7 @@ pub struct Origin {
 /// The origin of what a graph writes, as JSON.
 pub(crate) fn text(graph: &Path, sources: &SourceMap, options: &LoadOptions) -> Option<Arc<str>> {
     let folder = absolute(graph).parent().map(Path::to_owned)?;
-    let files = sources.files().filter(|(_, text)| !text.is_empty() && !text.starts_with("--"));
+    let files = sources.files().map(|f| (sources.name(f), sources.text(f))).filter(|(_, text)| !text.is_empty() && !text.starts_with("--"));
     let origin = Origin {
         pegbar: env!("CARGO_PKG_VERSION").to_owned(),
         graph: graph.file_name()?.to_string_lossy().into_owned(),

@@ -65,6 +65,3 @@ impl From<PluginError> for NodeError {
         }
     }
 }
-
-
-

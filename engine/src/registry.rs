@@ -5,7 +5,7 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::sync::Arc;
 
-use crate::node::{Node, NodeSchema, Operator, PerFrame, PluginId, PerFrameOperator, Recurrent, RecurrentOperator, Whole, WholeOperator};
+use crate::node::{Node, NodeSchema, Operator, PerFrame, PerFrameOperator, PluginId, Recurrent, RecurrentOperator, Whole, WholeOperator};
 use crate::value::{Curve, TimeMap, Value, ValueType, Vector};
 
 /// A node type as the registry keeps it.

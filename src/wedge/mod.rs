@@ -169,7 +169,7 @@ impl<'a> Wedge<'a> {
             console.say("no picture to show: name an output that is one with --show NODE.OUTPUT\n");
         }
         match wrong {
-            Some(wrong) => console.say(&format!("error: {wrong}\n")),
+            Some(ref wrong) => console.say(&format!("error: {wrong}\n")),
             None => console.say(&format!(
                 "table {}{}\n",
                 csv.display(),

@@ -7,7 +7,7 @@ mod conformance;
 mod faults;
 mod goldens;
 mod hostile;
-mod show;
 mod plugins;
+mod show;
 mod support;
 mod truth;

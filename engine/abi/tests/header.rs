@@ -121,7 +121,10 @@ fn the_header_is_what_the_specification_says() {
         std::fs::write(&path, &expected).unwrap();
     }
     let found = std::fs::read_to_string(&path).unwrap();
-    assert!(found == expected, "plugins/include/pegbar_plugin.h is not what engine/abi/src/lib.rs says: PEGBAR_BLESS=header writes it anew");
+    assert!(
+        found == expected,
+        "plugins/include/pegbar_plugin.h is not what engine/abi/src/lib.rs says: PEGBAR_BLESS=header writes it anew"
+    );
 }
 
 #[test]

@@ -98,4 +98,3 @@ fn diagnostic(code: &'static str, error: PluginError, at: Option<At>) -> Diagnos
         None => found,
     }
 }
-

@@ -304,6 +304,7 @@ impl Case {
             site: self.site.clone(),
             library: self.library.clone(),
             base: base.to_owned(),
+            ..LoadOptions::default()
         }
     }
 

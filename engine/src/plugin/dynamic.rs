@@ -4,7 +4,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 use super::manifest::axes;
-use crate::array::{Array, ArrayError, ArrayView, Data, DType, Shape, describe};
+use crate::array::{Array, ArrayError, ArrayView, DType, Data, Shape, describe};
 use crate::value::{AnyValue, ArraySchema, Meta, OwnedParts, Parts, TypeSchema, ValueError, ValueRef, ValueType};
 
 /// A value of a type that is known by its schema alone.

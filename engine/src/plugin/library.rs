@@ -66,7 +66,9 @@ fn first_here(path: &Path, digest: &str) -> Result<(), String> {
     let before = loaded.entry(path.to_owned()).or_insert_with(|| digest.to_owned());
     match before == digest {
         true => Ok(()),
-        false => Err(format!("expected the library that this process has loaded from there, of digest {}, found it changed", short(before))),
+        false => {
+            Err(format!("expected the library that this process has loaded from there, of digest {}, found it changed", short(before)))
+        }
     }
 }
 
@@ -101,7 +103,8 @@ fn open(path: &Path, digest: &str) -> Result<(Functions, Description), PluginErr
     let functions = Functions(unsafe { &*plugin });
     // SAFETY: the text lives as long as the plugin.
     let schema = unsafe { read_text(functions.0.schema) };
-    let description = Description::parse(&schema).map_err(|why| refused(format!("expected a schema, found one that cannot be read: {why}")))?;
+    let description =
+        Description::parse(&schema).map_err(|why| refused(format!("expected a schema, found one that cannot be read: {why}")))?;
     if description.abi != (functions.0.abi_major, functions.0.abi_minor) {
         let (major, minor) = description.abi;
         let found = format!("{}.{} in its PbPlugin", functions.0.abi_major, functions.0.abi_minor);
@@ -139,7 +142,8 @@ impl InProcess {
             let why = format!("expected the library {} of digest {expected}, as its manifest says, found {found}", path.display());
             return Err(PluginError::plugin(plugin, why).help(anew));
         }
-        let (functions, description) = open(&path, &found).map_err(|e| PluginError { message: PluginError::plugin(plugin, e.message).message, ..e })?;
+        let (functions, description) =
+            open(&path, &found).map_err(|e| PluginError { message: PluginError::plugin(plugin, e.message).message, ..e })?;
         if let Some((what, ours, theirs)) = plugin.difference(&description) {
             let why = format!("{what}: expected {ours}, as its manifest says, found {theirs} in the library {}", path.display());
             return Err(PluginError::plugin(plugin, why).help(anew));
@@ -268,4 +272,3 @@ impl Drop for Lent<'_> {
         }
     }
 }
-

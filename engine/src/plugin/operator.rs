@@ -8,9 +8,7 @@ use pegbar_abi::PB_STATE;
 use super::call::{Feed, Made, MadeOf, Port, Request, Response, Settings, Transport};
 use super::manifest::{Description, NodeText};
 use super::settings::SettingData;
-use crate::node::{
-    Arg, Computed, Context, Fault, InputType, Kind, Needs, NodeError, NodeSchema, Operator, OutValue, PluginId, Problem,
-};
+use crate::node::{Arg, Computed, Context, Fault, InputType, Kind, Needs, NodeError, NodeSchema, Operator, OutValue, PluginId, Problem};
 use crate::setting::Setting;
 use crate::value::{ValueRef, ValueType};
 
@@ -62,7 +60,8 @@ impl PluginOperator {
             return Ok(found.clone());
         }
         let item = |(i, literal): (usize, &crate::node::Literal)| {
-            let data = SettingData::of(literal).ok_or_else(|| self.broken(format!("input `{}`: a setting of another type", self.schema.inputs[i].name)))?;
+            let data = SettingData::of(literal)
+                .ok_or_else(|| self.broken(format!("input `{}`: a setting of another type", self.schema.inputs[i].name)))?;
             Ok((i as u32, data))
         };
         let items = literals().map(item).collect::<Result<_, NodeError>>()?;
@@ -143,12 +142,16 @@ impl PluginOperator {
         }
         match made.into_keys().next() {
             None => Ok(Computed { outputs, state }),
-            Some((output, index)) => Err(self.broken(format!("expected {}, found a value at {index} of output {output}", self.declared(cx)))),
+            Some((output, index)) => {
+                Err(self.broken(format!("expected {}, found a value at {index} of output {output}", self.declared(cx))))
+            }
         }
     }
 
     fn declared(&self, cx: &Context) -> String {
-        let one = |o: &crate::node::OutputSchema| if o.stream { format!("{} of `{}`", cx.clock.len(), o.name) } else { format!("one of `{}`", o.name) };
+        let one = |o: &crate::node::OutputSchema| {
+            if o.stream { format!("{} of `{}`", cx.clock.len(), o.name) } else { format!("one of `{}`", o.name) }
+        };
         let all: Vec<String> = self.schema.outputs.iter().map(one).collect();
         if all.is_empty() { "no value".to_owned() } else { all.join(", ") }
     }
@@ -178,8 +181,7 @@ impl PluginOperator {
     ) -> Result<R, NodeError> {
         let settings = self.settings(&args)?;
         let ports = self.ports(args, cx)?;
-        let request =
-            Request { node: self.node, settings: &settings, frame: cx.frame, clock: cx.clock, ports, state, cancel: cx.cancel };
+        let request = Request { node: self.node, settings: &settings, frame: cx.frame, clock: cx.clock, ports, state, cancel: cx.cancel };
         run(&request)
     }
 

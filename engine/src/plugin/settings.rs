@@ -4,9 +4,7 @@ use std::sync::Arc;
 
 use super::manifest::intern;
 use crate::node::{Input, Literal, ParseLiteral};
-use crate::setting::{
-    Choice, ClockName, FileUse, InputPath, InputPaths, Missing, OutputPath, Setting, SettingError, choose,
-};
+use crate::setting::{Choice, ClockName, FileUse, InputPath, InputPaths, Missing, OutputPath, Setting, SettingError, choose};
 use crate::value::ValueRef;
 
 /// A type of settings.

@@ -14,9 +14,7 @@ use pegbar_abi::{
 };
 use pegbar_engine::array::{Array, Block, Bytes, DType, Data, Shared, with_allocator};
 use pegbar_engine::clock::Clock;
-use pegbar_engine::node::{
-    Arg, Cancel, Context, Fault, InputSchema, InputType, Kind, Literal, NodeError, OutValue, SequenceRef, Values,
-};
+use pegbar_engine::node::{Arg, Cancel, Context, Fault, InputSchema, InputType, Kind, Literal, NodeError, OutValue, SequenceRef, Values};
 use pegbar_engine::plugin::{Description, InputText, NodeText, OutputText, Threads, TypeText};
 use pegbar_engine::registry::{NodeType, Registry};
 use pegbar_engine::setting::Place;

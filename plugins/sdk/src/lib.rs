@@ -36,7 +36,6 @@
 //! are [`Buffer`](array::Buffer)s: they are read where the host has them, and a new one lies where the host wants it. `pegbar plugin manifest LIBRARY`
 //! writes the manifest.
 
-
 mod border;
 pub mod types;
 

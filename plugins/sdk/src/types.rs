@@ -33,7 +33,8 @@ impl Image {
     /// # Errors
     /// Where there is no memory for it.
     pub fn blank(&self) -> Result<Self, NodeError> {
-        let pixels = Buffer::zeroed(self.size()).ok_or_else(|| NodeError::new(Fault::Limit, "expected memory for a picture, found none"))?;
+        let pixels =
+            Buffer::zeroed(self.size()).ok_or_else(|| NodeError::new(Fault::Limit, "expected memory for a picture, found none"))?;
         Ok(Self { pixels, channels: self.channels.clone(), data_window: self.data_window, display_window: self.display_window })
     }
 

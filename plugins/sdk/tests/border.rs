@@ -83,7 +83,9 @@ fn frames_states_and_sequences_arrive() {
     assert_eq!(running, [[1.0], [3.0], [6.0], [10.0]]);
     let back = format!("{FRAME}, \"b\": (type: \"sums.back\", value: \"@f\")");
     assert_eq!((numbers(&back, "b.value"), numbers(&back, "b.count")), (vec![vec![4.0], vec![3.0], vec![2.0], vec![1.0]], vec![vec![4.0]]));
-    let wired = format!("{FRAME}, \"e\": (type: \"sums.wrong\", way: \"\"), \"j\": (type: \"sums.join\", several: [\"@e\"], more: [(1.0, 2.0)], factor: \"@f\")");
+    let wired = format!(
+        "{FRAME}, \"e\": (type: \"sums.wrong\", way: \"\"), \"j\": (type: \"sums.join\", several: [\"@e\"], more: [(1.0, 2.0)], factor: \"@f\")"
+    );
     assert_eq!(numbers(&wired, "j.value"), [[3.0, 4.0], [6.0, 4.0], [9.0, 4.0], [12.0, 4.0]]);
 }
 
@@ -105,7 +107,10 @@ fn a_panic_and_a_failure_are_errors_of_their_frames() {
 
     let (_, report, _) = run("\"w\": (type: \"sums.wrong\", way: \"fail\")", "w.value");
     let [failure] = &report.failures[..] else { panic!("{}", report.failures.len()) };
-    assert_eq!((failure.frame, failure.error.message.as_str(), failure.error.fault), (Some(2), "expected another frame, found this", Fault::Input));
+    assert_eq!(
+        (failure.frame, failure.error.message.as_str(), failure.error.fault),
+        (Some(2), "expected another frame, found this", Fault::Input)
+    );
     assert_eq!(failure.error.help.as_deref(), Some("leave it out"));
 }
 

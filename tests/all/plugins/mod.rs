@@ -102,7 +102,8 @@ fn a_library_that_is_not_what_its_manifest_says_is_refused() {
     assert_eq!(ran.code, 1);
     let said = errors(&ran);
     assert_eq!(said.len(), 1, "{}", ran.err);
-    let digests = ["error[PB0500]: node `odd` failed: plugin `odd` 1.0.0: expected the library", "of digest", "as its manifest says, found"];
+    let digests =
+        ["error[PB0500]: node `odd` failed: plugin `odd` 1.0.0: expected the library", "of digest", "as its manifest says, found"];
     assert!(digests.iter().all(|part| said[0].contains(part)), "{}", ran.err);
     assert!(ran.err.contains("help: `pegbar plugin manifest") && ran.err.contains("g.ron"), "{}", ran.err);
 
@@ -111,7 +112,8 @@ fn a_library_that_is_not_what_its_manifest_says_is_refused() {
     let old = Manifest::read(&odd.manifest()).unwrap().libraries.into_values().next().unwrap().digest;
     odd.edit(|text| text.replace(&old, &digest));
     let said = errors(&odd.run("well")).join("\n");
-    let expected = "node `odd` failed: plugin `odd` 1.0.0: doc: expected Breaks its contract., as its manifest says, found Changed. in the library";
+    let expected =
+        "node `odd` failed: plugin `odd` 1.0.0: doc: expected Breaks its contract., as its manifest says, found Changed. in the library";
     assert!(said.contains(expected), "{said}");
 
     odd.edit(|text| text.replace("\"Breaks its contract.\"", "\"Changed.\"").replace("How.", "Why."));
@@ -275,10 +277,18 @@ fn two_versions_serve_one_graph() {
 fn manifests_that_do_not_hold_together_are_refused() {
     let cases = [
         ("id: \"odd.vector\"", "id: \"comp.over\"", "expected a node id as odd.word, found `comp.over`"),
-        ("Value(\"Vector\")", "Value(\"Victor\")", "node `odd.vector`: input `vector`: expected a value type among `values`, found `Victor`"),
+        (
+            "Value(\"Vector\")",
+            "Value(\"Victor\")",
+            "node `odd.vector`: input `vector`: expected a value type among `values`, found `Victor`",
+        ),
         ("kind: per_frame", "kind: recurrent", "node `odd.vector`: expected a state of recurrent nodes, and of no others"),
         ("setting(\"text\")", "setting(\"poem\")", "node `odd.vector`: input `way`: expected a type of settings as `number`, found `poem`"),
-        ("default: Some(\"\\\"well\\\"\")", "default: Some(\"4\")", "node `odd.vector`: input `way`: default 4: expected string, found integer"),
+        (
+            "default: Some(\"\\\"well\\\"\")",
+            "default: Some(\"4\")",
+            "node `odd.vector`: input `way`: default 4: expected string, found integer",
+        ),
         ("version: \"1.0.0\"", "version: \"new\"", "expected a version as 1.2.0, found `new`"),
         ("plugin: ", "plugged: ", "line 8"),
     ];
@@ -323,7 +333,10 @@ fn what_is_thrown_in_c_plus_plus_is_an_error() {
 /// The plugin of the first release, compiled against the header of the first release, as both were.
 #[test]
 fn plugins_of_the_first_release_run_for_ever() {
-    let shot = Shot::new(2, r#""a": (type: "image.constant", size: (8, 6), color: (0.5, 0.5, 0.5, 1.0)), "d": (type: "print.halftone", image: "@a", pitch: 4.0), "out": (type: "io.write_images", image: "@d", path: "$out/d.png"),"#);
+    let shot = Shot::new(
+        2,
+        r#""a": (type: "image.constant", size: (8, 6), color: (0.5, 0.5, 0.5, 1.0)), "d": (type: "print.halftone", image: "@a", pitch: 4.0), "out": (type: "io.write_images", image: "@d", path: "$out/d.png"),"#,
+    );
     let library = shot.path(&library_name("print"));
     compile(&root().join("plugins/include/v1/halftone.c"), "plugins/include/v1", &[], &library);
     let manifest = write_manifest(&library);
