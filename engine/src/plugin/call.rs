@@ -65,6 +65,7 @@ pub(super) enum MadeOf {
 /// What a task gave.
 #[derive(Default)]
 pub(super) struct Response {
+    /// Ascending by output and position.
     pub(super) made: Vec<Made>,
     /// From `needs`: input and frame.
     pub(super) needs: Vec<(u32, i64)>,

@@ -33,8 +33,10 @@ struct Loaded {
 
 /// Calls within this process. Loads the library when the first call comes.
 pub(super) struct InProcess {
-    pub(super) manifest: Arc<Manifest>,
-    pub(super) folder: PathBuf,
+    manifest: Arc<Manifest>,
+    folder: PathBuf,
+    /// As errors name it.
+    name: String,
     /// False where no code is to run.
     may_load: bool,
     loaded: OnceLock<Result<Loaded, PluginError>>,
@@ -120,7 +122,8 @@ fn cause(error: &libloading::Error) -> String {
 
 impl InProcess {
     pub(super) fn new(manifest: Arc<Manifest>, folder: PathBuf, may_load: bool) -> Self {
-        Self { manifest, folder, may_load, loaded: OnceLock::new() }
+        let name = format!("plugin `{}` {}", manifest.plugin.name, manifest.plugin.version);
+        Self { manifest, folder, name, may_load, loaded: OnceLock::new() }
     }
 
     fn loaded(&self) -> Result<&Loaded, NodeError> {
@@ -157,12 +160,10 @@ impl InProcess {
         function: impl FnOnce(&PbPlugin) -> unsafe extern "C" fn(*mut u8, *const PbTask) -> u32,
     ) -> Result<Response, NodeError> {
         let loaded = self.loaded()?;
-        let plugin = &self.manifest.plugin;
-        let name = format!("plugin `{}` {}", plugin.name, plugin.version);
         let _turn = (loaded.threads == Threads::One).then(|| loaded.turn.lock().unwrap_or_else(PoisonError::into_inner));
-        let instance = Lent::new(loaded, request, &name)?;
+        let instance = Lent::new(loaded, request, &self.name)?;
         let function = function(loaded.functions.0);
-        let call = Call::new(request, &name);
+        let call = Call::new(request, &self.name);
         // SAFETY: the instance is one of this plugin's and lives as long as it is lent; the task lives as long as the call; what may not run at once does
         // not, as `Lent` sees to.
         let status = call.show(|task| unsafe { function(instance.instance(), task) });

@@ -55,7 +55,7 @@ impl Lock {
         let what = format!("plugin `{}` {}", id.name, id.version);
         let pinned = self.plugins.get(&id.name).and_then(|versions| versions.get(&id.version)).and_then(|p| p.get(&super::platform()));
         match pinned {
-            None => Some(format!("expected {what} among what {LOCK} pins for {}, found it is not", super::platform())),
+            None => Some(format!("expected {what} among what {LOCK} pins for this platform, found none")),
             Some(digest) if *digest != id.digest => {
                 Some(format!("expected {what} of digest {}, as {LOCK} pins it, found {}", short(digest), short(&id.digest)))
             }

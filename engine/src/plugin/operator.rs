@@ -119,15 +119,15 @@ impl PluginOperator {
 
     /// The values that were made, held against what the node type declares.
     fn computed(&self, response: Response, cx: &Context) -> Result<Computed, NodeError> {
-        let mut made: BTreeMap<(u32, u64), MadeOf> =
-            response.made.into_iter().map(|Made { output, index, what }| ((output, index), what)).collect();
+        // What is declared and what was made are both in the order of outputs and positions, the state last.
+        let mut made = response.made.into_iter().peekable();
+        let mut take = |output: u32, index: u64| made.next_if(|m| (m.output, m.index) == (output, index)).map(|m| m.what);
         let mut outputs = Vec::with_capacity(self.schema.outputs.len());
         for (p, schema) in self.schema.outputs.iter().enumerate() {
             let ty = schema.ty.and_then(|ty| self.plugin.types.get(ty));
             let mut one = |index: u64| {
                 let at = || if schema.stream { format!(" at frame {}", cx.clock.first + index as i64) } else { String::new() };
-                let what = made.remove(&(p as u32, index));
-                self.value(what, ty).map_err(|why| self.broken(format!("output `{}`{}: {why}", schema.name, at())))
+                self.value(take(p as u32, index), ty).map_err(|why| self.broken(format!("output `{}`{}: {why}", schema.name, at())))
             };
             outputs.push(if schema.stream {
                 OutValue::Stream((0..cx.clock.len() as u64).map(one).collect::<Result<_, _>>()?)
@@ -135,14 +135,11 @@ impl PluginOperator {
                 OutValue::One(one(0)?)
             });
         }
-        let mut state = None;
-        if let Some(ty) = &self.state {
-            let what = made.remove(&(PB_STATE, 0));
-            state = Some(self.value(what, Some(ty)).map_err(|why| self.broken(format!("its state: {why}")))?);
-        }
-        match made.into_keys().next() {
+        let state = self.state.as_ref().map(|ty| self.value(take(PB_STATE, 0), Some(ty)));
+        let state = state.transpose().map_err(|why| self.broken(format!("its state: {why}")))?;
+        match made.next() {
             None => Ok(Computed { outputs, state }),
-            Some((output, index)) => {
+            Some(Made { output, index, .. }) => {
                 Err(self.broken(format!("expected {}, found a value at {index} of output {output}", self.declared(cx))))
             }
         }

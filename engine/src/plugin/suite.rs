@@ -1,7 +1,6 @@
 //! The host's side of the border: what a plugin may call, and the rows of structs that it is shown.
 #![allow(unsafe_code, reason = "the C ABI of plugins; each block says what it relies on")]
 
-use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pegbar_abi::{
@@ -209,10 +208,24 @@ struct Making {
 
 #[derive(Default)]
 struct Answer {
-    making: BTreeMap<(u32, u64), Making>,
+    /// Ascending by output and position, as most plugins put them out.
+    making: Vec<((u32, u64), Making)>,
     needs: Vec<(u32, i64)>,
     previous: Option<i64>,
     error: Option<NodeError>,
+}
+
+impl Answer {
+    fn making(&mut self, output: u32, index: u64) -> &mut Making {
+        let at = match self.making.binary_search_by_key(&(output, index), |(key, _)| *key) {
+            Ok(at) => at,
+            Err(at) => {
+                self.making.insert(at, ((output, index), Making::default()));
+                at
+            }
+        };
+        &mut self.making[at].1
+    }
 }
 
 /// One call of a plugin: what it is shown, and what it answers.
@@ -286,7 +299,7 @@ impl<'a> Call<'a> {
         }
         let start = elements(&mut array.data).0;
         let mut answer = self.answer();
-        let making = answer.making.entry((output, index)).or_default();
+        let making = answer.making(output, index);
         if making.passed.is_some() || making.arrays.iter().any(|(n, _, _)| *n == name) {
             return Err(format!("array `{name}` of output {output}: expected it once, found it put out twice"));
         }
@@ -445,16 +458,14 @@ unsafe extern "C" fn meta(task: *const PbTask, output: u32, index: u64, json: Pb
     let (call, json) = unsafe { (call(task), read_text(json)) };
     let Some(call) = call else { return PB_FAILED };
     let read = serde_json::from_str::<Meta>(&json).map_err(|e| format!("text of output {output}: expected one JSON object: {e}"));
-    status(call, read.map(|meta| call.answer().making.entry((output, index)).or_default().meta = Some(meta)))
+    status(call, read.map(|meta| call.answer().making(output, index).meta = Some(meta)))
 }
 
 unsafe extern "C" fn pass(task: *const PbTask, output: u32, index: u64, value: *const PbValue) -> u32 {
     // SAFETY: the plugin hands over the task that it was shown, and a value that it may look at, which is the first field of a `Held`.
     let (call, value) = unsafe { (call(task), value.cast::<Held>().as_ref()) };
     let (Some(call), Some(held)) = (call, value) else { return PB_FAILED };
-    let mut answer = call.answer();
-    let making = answer.making.entry((output, index)).or_default();
-    making.passed = Some(held.value.clone());
+    call.answer().making(output, index).passed = Some(held.value.clone());
     PB_OK
 }
 

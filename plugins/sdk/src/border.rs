@@ -1,7 +1,7 @@
 //! The plugin's side of the border: tasks in, values out, and no panic across.
 #![allow(unsafe_code, reason = "the C ABI of plugins; each block says what it relies on")]
 
-use std::collections::BTreeMap;
+use std::borrow::Cow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicPtr, Ordering};
 use std::sync::{Arc, OnceLock, PoisonError, RwLock};
@@ -148,12 +148,12 @@ fn node_text(node: &NodeType) -> NodeText {
 ///
 /// # Safety
 /// It points at as many bytes as it says.
-unsafe fn read_text(text: &PbText) -> String {
+unsafe fn read_text<'a>(text: &PbText) -> Cow<'a, str> {
     if text.data.is_null() || text.size == 0 {
-        return String::new();
+        return Cow::Borrowed("");
     }
     // SAFETY: the caller vouches for the bytes.
-    String::from_utf8_lossy(unsafe { std::slice::from_raw_parts(text.data, text.size as usize) }).into_owned()
+    String::from_utf8_lossy(unsafe { std::slice::from_raw_parts(text.data, text.size as usize) })
 }
 
 /// The structs of a row, each as large as it says.
@@ -249,7 +249,7 @@ fn adopt(held: HostValue, exports: &Exports, state: Option<&NodeType>) -> Result
         let data = Shared::new(dtype, Arc::new(bytes)).ok_or_else(|| strange("an array that is aligned"))?;
         let shape = array.shape.iter().take(array.rank as usize).map(|&n| n as usize).collect();
         // SAFETY: the value is held.
-        parts.arrays.push((unsafe { read_text(&array.name) }, Array { shape, data: Data::Shared(data) }));
+        parts.arrays.push((unsafe { read_text(&array.name) }.into_owned(), Array { shape, data: Data::Shared(data) }));
     }
     let ty = match state {
         Some(node) => node.operator.state_type(),
@@ -309,7 +309,7 @@ unsafe fn read_clock(clock: *const PbClock) -> Option<Clock> {
     let clock = unsafe { clock.as_ref() }?;
     // SAFETY: as above.
     let name = unsafe { read_text(&clock.name) };
-    Some(Clock { name, first: clock.first, last: clock.last, fps: (clock.fps_numerator, clock.fps_denominator) })
+    Some(Clock { name: name.into_owned(), first: clock.first, last: clock.last, fps: (clock.fps_numerator, clock.fps_denominator) })
 }
 
 /// An instance: the settings of a node of a graph.
@@ -398,7 +398,14 @@ unsafe fn given(instance: &Instance, task: &PbTask, live: &Live, exports: &'stat
     // SAFETY: as the caller says.
     let clock = unsafe { read_clock(task.clock) }.ok_or_else(|| strange("a clock"))?;
     let mut input_clocks: Vec<(&'static str, Arc<Clock>)> = Vec::new();
-    let mut ports: BTreeMap<u32, Vec<Arg>> = BTreeMap::new();
+    let mut args: Vec<Arg> = (instance.literals.iter().zip(inputs))
+        .map(|(literal, input)| match literal {
+            Some(literal) => Arg::Literal(literal.clone()),
+            None if input.list => Arg::List(Vec::new()),
+            None if input.access.by_handle() && !input.optional => Arg::Sequence(SequenceRef::new(None, Vec::<ValueRef>::new())),
+            None => Arg::None,
+        })
+        .collect();
     // SAFETY: as the caller says.
     for (i, port) in unsafe { row::<PbPort>(task.ports, task.port_count as usize) }.enumerate() {
         // SAFETY: as the caller says.
@@ -409,20 +416,12 @@ unsafe fn given(instance: &Instance, task: &PbTask, live: &Live, exports: &'stat
         }
         // SAFETY: as the caller says.
         let arg = unsafe { arg(i as u32, port, clock, live, exports) }?;
-        ports.entry(port.input).or_default().push(arg);
-    }
-    let one = |(i, input): (usize, &InputSchema)| {
-        let mut args = ports.remove(&(i as u32)).unwrap_or_default();
-        match &instance.literals[i] {
-            Some(literal) => Arg::Literal(literal.clone()),
-            None if input.list => Arg::List(args),
-            None if args.is_empty() && input.access.by_handle() && !input.optional => {
-                Arg::Sequence(SequenceRef::new(None, Vec::<ValueRef>::new()))
-            }
-            None => args.pop().unwrap_or(Arg::None),
+        match &mut args[port.input as usize] {
+            Arg::List(list) => list.push(arg),
+            place => *place = arg,
         }
-    };
-    Ok(Given { args: inputs.iter().enumerate().map(one).collect(), clock, input_clocks })
+    }
+    Ok(Given { args, clock, input_clocks })
 }
 
 /// # Safety

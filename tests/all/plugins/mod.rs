@@ -91,7 +91,7 @@ fn libraries_that_are_no_plugins_for_this_host_are_refused() {
     let error = describe(&shot.path("libtext.so")).unwrap_err().message;
     assert!(error.contains("expected a shared library, found ") && error.contains("libtext.so"), "{error}");
     let error = describe(&shot.path("libnone.so")).unwrap_err().message;
-    assert!(error.contains("expected a shared library, found "), "{error}");
+    assert!(error.contains("libnone.so: No such file"), "{error}");
 }
 
 #[test]
@@ -168,6 +168,8 @@ fn what_breaks_the_contract_is_one_error_that_names_plugin_and_node() {
 #[test]
 fn nothing_but_a_run_loads_a_library() {
     let odd = Odd::new();
+    // What is mapped is taken away rather than written over.
+    std::fs::remove_file(&odd.library).unwrap();
     std::fs::write(&odd.library, b"no library").unwrap();
     let node = r#""odd": (type: "odd.vector", vector: [1.0]), "out": (type: "io.write_value", value: "@odd", path: "$out/o.npz"),"#;
     odd.shot.graph(4, node);
@@ -197,7 +199,7 @@ fn a_plugin_that_is_not_there_is_named() {
     let text = "Graph(pegbar: 1, plugins: [\"../odd\"], nodes: {})";
     shot.put("g.ron", text.as_bytes());
     let ran = cli(&["check", graph.to_str().unwrap()]);
-    assert!(ran.code == 2 && ran.err.contains("error[PB0180]") && ran.err.contains("g.ron:1:29"), "{}", ran.err);
+    assert!(ran.code == 2 && ran.err.contains("error[PB0180]") && ran.err.contains("g.ron:1:28"), "{}", ran.err);
 }
 
 #[test]
