@@ -13,7 +13,7 @@ use pegbar_engine::value::downcast;
 use super::anchors::{Anchor, Anchors};
 use super::{CorrespondCurves, CurveTrace};
 use crate::algo::camera::{Camera as AlgoCamera, Orbit, orthographic};
-use crate::algo::correspond::Pairing;
+use crate::algo::correspond::{Missing, Pairing};
 use crate::algo::curve_trace::{Along, Method};
 use crate::algo::mesh_lines::{Line, Search, distance, find};
 use crate::algo::silhouette::Lines;
@@ -274,9 +274,11 @@ fn characters_that_were_drawn_over_are_traced_corresponded_and_posed() {
             drawn_markers: None,
             pairing: Pairing::Length,
             spacing: 0.0,
+            step: 4.0,
             snap: 12.0,
             bridge: 6.0,
             anchor_weight: 4.0,
+            missing: Missing::Error,
         };
         let pairs = pairs.run(&cx).unwrap();
         let c = &pairs.correspondences;

@@ -5,8 +5,11 @@
 //!
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, section 3.2, figure 5.
 //!
+//! An anchor stands on the drawn curve nearest to it, and on others that meet it there. Of several ways on the mesh the one whose shape is most like the drawn
+//! section's counts; ways go over from line to line where those cross in the picture, or come near each other.
+//!
 //! **Fails when** an anchor of the render lies away from all lines that are seen, or no way along the lines leads from anchor to anchor. Anchors override all
-//! else: one whose drawn place lies on no curve is a pair by itself.
+//! else: one whose drawn place lies on no curve is a pair by itself. Where a line runs through a triangle, between two of its edges, only its ends are paired.
 //!
 //! **Cost** O(anchors · n log n) with n points of the mesh's lines.
 //!
@@ -19,8 +22,7 @@ use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs};
 
 use super::anchors::{Anchor, Anchors};
-use crate::algo::correspond::{self, Options, Pairing, Strand, pair};
-use crate::algo::mesh_lines::distance;
+use crate::algo::correspond::{self, MeshLines, Missing, Options, Pairing, Spot, Strand, between, nearest_spot, pair};
 use crate::data::{Correspondences, Curves, Markers2};
 use crate::render::within;
 
@@ -28,7 +30,7 @@ use crate::render::within;
 #[derive(Node)]
 #[node(
     id = "correspond.curves",
-    version = 1,
+    version = 2,
     outputs = CorrespondCurvesOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, section 3.2",
     example = "\"pairs\": (type: \"correspond.curves\", silhouette: \"@lines.curves\", drawn: \"@leg.curves\", anchors: [(render: (210.0, 138.0), drawn: (212.0, 140.0)), (vertex: 1840, drawn: (198.0, 330.0))])"
@@ -51,6 +53,9 @@ pub(crate) struct CorrespondCurves {
     /// Least distance between two pairs on the mesh's side. 0 pairs every point where a line crosses an edge.
     #[input(default = 0.0, range = 0.0..=65536.0, unit = "px")]
     pub(crate) spacing: f64,
+    /// Most distance between two pairs on the mesh's side where a line runs along an edge of the mesh. 0 pairs nothing between a line's points.
+    #[input(default = 4.0, range = 0.0..=65536.0, unit = "px")]
+    pub(crate) step: f64,
     /// How far an anchor may be from a line of the mesh, or from a drawn curve, to stand on it.
     #[input(default = 12.0, range = 0.0..=65536.0, unit = "px")]
     pub(crate) snap: f64,
@@ -60,6 +65,9 @@ pub(crate) struct CorrespondCurves {
     /// How much an anchor counts; other pairs count 1.
     #[input(default = 4.0, range = 0.0..=1000000.0)]
     pub(crate) anchor_weight: f64,
+    /// What becomes of a section of the drawing that has no way along the mesh's lines.
+    #[input(default = error)]
+    pub(crate) missing: Missing,
 }
 
 /// The pairs.
@@ -71,6 +79,8 @@ pub(crate) struct CorrespondCurvesOutputs {
     pub(crate) count: Curve,
     /// Number of sections between anchors that were paired.
     pub(crate) sections: Curve,
+    /// Number of sections without a way, which were left out.
+    pub(crate) skipped: Curve,
 }
 
 /// The curves of several values as strands, each numbered on from the last.
@@ -104,8 +114,8 @@ impl CorrespondCurves {
         Ok(all)
     }
 
-    /// The mesh's side of an anchor: an edge with a share, and the point of the lines that it is at.
-    fn on_mesh(&self, lines: &Curves, number: usize, anchor: &Anchor) -> Result<([u32; 2], f64, Option<usize>), NodeError> {
+    /// The mesh's side of an anchor: an edge with a share, and the place on the lines that it is at.
+    fn on_mesh(&self, lines: &MeshLines<'_>, number: usize, anchor: &Anchor) -> Result<([u32; 2], f64, Option<Spot>), NodeError> {
         if let Some(v) = anchor.vertex {
             // The point of an edge of that vertex that is next to it.
             let near = |i: usize| {
@@ -114,17 +124,21 @@ impl CorrespondCurves {
                 (a == v || b == v).then_some((i, if a == b { 0.0 } else { off }))
             };
             let best = (0..lines.edges.len()).filter_map(near).min_by(|a, b| a.1.total_cmp(&b.1));
-            return Ok(([v, v], 0.0, best.map(|b| b.0)));
+            return Ok(([v, v], 0.0, best.map(|b| Spot::point(b.0))));
         }
         let Some(at) = anchor.render else {
             return Err(NodeError::input(format!("anchor {number}: expected either `render` or `vertex`, found neither")));
         };
-        let seen = (0..lines.points.len()).filter(|&i| lines.visible[i] != 0);
-        let off = |i: usize| distance(lines.points[i], at);
-        let best = seen.map(|i| (i, off(i))).filter(|b| !b.1.is_nan()).min_by(|a, b| a.1.total_cmp(&b.1));
         let ([x, y], snap) = (at, self.snap);
-        match best {
-            Some((i, off)) if off <= snap => Ok((lines.edges[i], lines.shares[i], Some(i))),
+        match nearest_spot(lines, at) {
+            Some((spot, off)) if off <= snap => {
+                let place = |i: usize| (lines.edges[i], lines.shares[i]);
+                let (a, b) = (place(spot.from), place(spot.to));
+                // Within a triangle there is no edge to stand on: the nearer end of that stretch does.
+                let nearer = if spot.share < 0.5 { (a, spot.from) } else { (b, spot.to) };
+                let (place, spot) = between(a, b, spot.share).map_or((nearer.0, Spot::point(nearer.1)), |p| (p, spot));
+                Ok((place.0, place.1, Some(spot)))
+            }
             Some((_, off)) => {
                 let message = format!(
                     "anchor {number} at ({x}, {y}): expected a line of the mesh within {snap} px, found the nearest {off:.1} px away"
@@ -153,6 +167,7 @@ impl CorrespondCurves {
 
     fn check_numbers(&self) -> Result<(), NodeError> {
         within("spacing", self.spacing, 0.0, 65536.0)?;
+        within("step", self.step, 0.0, 65536.0)?;
         within("snap", self.snap, 0.0, 65536.0)?;
         within("bridge", self.bridge, 0.0, 65536.0)?;
         within("anchor_weight", self.anchor_weight, 0.0, 1e6)?;
@@ -171,6 +186,8 @@ impl PerFrame for CorrespondCurves {
         self.check_numbers()?;
         let anchors = self.all_anchors()?;
         let lines = self.lines()?;
+        let own = strands(&lines);
+        let mesh = MeshLines { strands: &own, visible: &lines.visible, edges: &lines.edges, shares: &lines.shares };
         let mut out = Correspondences::default();
         let mut push = |edge: [u32; 2], share: f64, point: [f64; 2], weight: f64| {
             out.edges.push(edge);
@@ -187,21 +204,29 @@ impl PerFrame for CorrespondCurves {
                     anchor.drawn
                 )));
             }
-            let (edge, share, line_point) = self.on_mesh(&lines, i + 1, anchor)?;
+            let (edge, share, spot) = self.on_mesh(&mesh, i + 1, anchor)?;
             push(edge, share, anchor.drawn, self.anchor_weight);
-            ends.push(correspond::Anchor { line_point, drawn: anchor.drawn });
+            ends.push(correspond::Anchor { spot, drawn: anchor.drawn });
         }
-        let options = Options { pairing: self.pairing, snap: self.snap, bridge: self.bridge, spacing: self.spacing };
-        let own = strands(&lines);
+        let options = Options {
+            pairing: self.pairing,
+            snap: self.snap,
+            bridge: self.bridge,
+            spacing: self.spacing,
+            step: self.step,
+            missing: self.missing,
+        };
         let drawn: Vec<Strand<'_>> = self.drawn.0.iter().flat_map(|c| strands(c)).collect();
-        let found = pair(&own, &lines.visible, &drawn, &ends, &options).map_err(|e| {
-            NodeError::input(e.to_string()).help("set an anchor between them, or a wider `bridge`; render.correspondences shows the lines")
+        let found = pair(&mesh, &drawn, &ends, &options).map_err(|e| {
+            NodeError::input(e.to_string())
+                .help("set an anchor between them, a wider `bridge` or `missing: skip`; render.correspondences shows the lines")
         })?;
         for p in &found.pairs {
-            push(lines.edges[p.line_point], lines.shares[p.line_point], p.drawn, 1.0);
+            push(p.edge, p.share, p.drawn, 1.0);
         }
         let count = Curve { value: out.points.len() as f64 };
-        Ok(CorrespondCurvesOutputs { count, correspondences: out, sections: Curve { value: found.sections as f64 } })
+        let [sections, skipped] = [found.sections, found.skipped].map(|n| Curve { value: n as f64 });
+        Ok(CorrespondCurvesOutputs { count, correspondences: out, sections, skipped })
     }
 
     fn check(&self) -> Vec<Problem> {

@@ -3,7 +3,7 @@ use pegbar_engine::node::{Cancel, Context, In, List, NodeError, PerFrame};
 
 use super::anchors::Anchors;
 use super::correspond::CorrespondCurvesOutputs;
-use crate::algo::correspond::Pairing;
+use crate::algo::correspond::{Missing, Pairing};
 use crate::counted::clock;
 use crate::data::{Curves, Markers2};
 use pegbar_engine::setting::Setting;
@@ -41,9 +41,11 @@ fn node(anchors: &str) -> CorrespondCurves {
         drawn_markers: None,
         pairing: Pairing::Length,
         spacing: 0.0,
+        step: 4.0,
         snap: 12.0,
         bridge: 6.0,
         anchor_weight: 4.0,
+        missing: Missing::Error,
     }
 }
 
@@ -104,4 +106,54 @@ fn what_is_wrong_is_told_with_its_number() {
     assert!(nan.starts_with("anchor 1: expected a finite place in the drawing"), "{nan}");
     assert_eq!(node("[(drawn: (0.0, 0.0))]").check().len(), 1);
     assert!(<Anchors as Setting>::parse("[(drawn: 3)]").is_err());
+}
+
+/// A square of four edges of 100 px, as a border runs: its points are vertices alone.
+fn square() -> Curves {
+    let mut curves = Curves::default();
+    curves.push_drawn(vec![[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]], true);
+    curves.kinds[0] = 2;
+    curves.edges = (0..4).map(|i| [i, i]).collect();
+    curves.shares = vec![0.0; 4];
+    curves
+}
+
+#[test]
+fn anchors_stand_on_edges_and_curves_are_followed_along_them() {
+    let mut drawn = Curves::default();
+    drawn.push_drawn(vec![[25.0, 0.0], [50.0, -20.0], [75.0, 0.0]], false);
+    let on_square = |anchors: &str| CorrespondCurves {
+        silhouette: List(vec![In::new(square())]),
+        drawn: List(vec![In::new(drawn.clone())]),
+        ..node(anchors)
+    };
+    let out = run(on_square("[(render: (25.0, 3.0), drawn: (25.0, 0.0)), (render: (75.0, 0.0), drawn: (75.0, 0.0))]")).unwrap();
+    let pairs = &out.correspondences;
+    assert_eq!((out.sections.value, out.skipped.value, pairs.edges[0], pairs.shares[0]), (1.0, 0.0, [0, 1], 0.25));
+    // 50 px in steps of at most 4.
+    assert_eq!(pairs.points.len(), 2 + 12);
+    for (share, p) in pairs.shares.iter().zip(&pairs.points) {
+        let x = share * 100.0;
+        let truth = [x, -0.8 * (25.0 - (x - 50.0).abs())];
+        assert!((p[0] - truth[0]).hypot(p[1] - truth[1]) < 1e-9, "{p:?} {truth:?}");
+    }
+}
+
+#[test]
+fn a_section_without_a_way_is_told_or_left_out() {
+    let mut apart = square();
+    apart.append(&square());
+    apart.points[4..].iter_mut().for_each(|p| p[0] += 200.0);
+    let mut drawn = Curves::default();
+    drawn.push_drawn(vec![[50.0, 0.0], [250.0, 0.0]], false);
+    let on = |missing| CorrespondCurves {
+        silhouette: List(vec![In::new(apart.clone())]),
+        drawn: List(vec![In::new(drawn.clone())]),
+        missing,
+        ..node("[(render: (50.0, 0.0), drawn: (50.0, 0.0)), (render: (250.0, 0.0), drawn: (250.0, 0.0))]")
+    };
+    let message = run(on(Missing::Error)).map(|_| ()).unwrap_err().message;
+    assert_eq!(message, "anchors 1 and 2: expected a way between them along the lines of the mesh, found none within gaps of 6 px");
+    let out = run(on(Missing::Skip)).unwrap();
+    assert_eq!((out.sections.value, out.skipped.value, out.count.value), (0.0, 1.0, 2.0));
 }
