@@ -263,6 +263,7 @@ fn characters_that_were_drawn_over_are_traced_corresponded_and_posed() {
             beta: 1.0,
             gamma: 1.0,
             iterations: 200,
+            least_on_ink: 0.2,
         };
         let traced = traced.run(&cx).unwrap();
         let anchors = places.iter().map(|&p| Anchor { render: Some(p), vertex: None, drawn: p }).collect();

@@ -5,7 +5,8 @@
 //!
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, section 3.2; Mortensen, Barrett 1995; Kass, Witkin, Terzopoulos 1988.
 //!
-//! **Fails when** an anchor lies outside of the picture or without ink around; a path takes the wrong one of two lines that cross: another anchor says which.
+//! **Fails when** an anchor lies outside of the picture or without ink around; a path takes the wrong one of two lines that cross, or
+//! cuts across paper where a line goes a long way round (`least_on_ink`): another anchor says which.
 //!
 //! **Cost** O(pixels), and O(w log w) for each pair of anchors with w pixels in their window.
 //!
@@ -18,7 +19,7 @@ use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs};
 
 use crate::algo::color::linear_from_srgb;
-use crate::algo::curve_trace::{Along, Ink, InkStyle, Method, Options, Snake, Traced, trace};
+use crate::algo::curve_trace::{Along, Ink, InkStyle, Method, Options, Snake, TraceError, Traced, trace};
 use crate::data::{Curves, Image, Markers2};
 use crate::render::{rgba, within};
 
@@ -26,7 +27,7 @@ use crate::render::{rgba, within};
 #[derive(Node)]
 #[node(
     id = "curve.trace",
-    version = 1,
+    version = 2,
     outputs = CurveTraceOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, section 3.2; Mortensen, Barrett 1995; Kass, Witkin, Terzopoulos 1988",
     example = "\"leg\": (type: \"curve.trace\", image: \"@drawing\", anchors: [(212.0, 140.0), (240.0, 310.0), (198.0, 330.0)])"
@@ -78,6 +79,9 @@ pub(crate) struct CurveTrace {
     /// Most steps of the snake. 0 leaves the curve as it was found.
     #[input(default = 200, range = 0..=100000)]
     pub(crate) iterations: u32,
+    /// Share of the curve between two anchors that is to lie on ink. 0 lets curves go over paper.
+    #[input(default = 0.2, range = 0.0..=1.0)]
+    pub(crate) least_on_ink: f64,
 }
 
 /// The curve, and how well it lies on the ink.
@@ -126,11 +130,13 @@ impl CurveTrace {
             margin: self.margin,
             snake: Snake { alpha: self.alpha, beta: self.beta, gamma: self.gamma, iterations: self.iterations },
             closed: self.closed,
+            least_on_ink: self.least_on_ink,
         }
     }
 
     fn check_numbers(&self) -> Result<(), NodeError> {
         within("threshold", self.threshold, 0.01, 0.99)?;
+        within("least_on_ink", self.least_on_ink, 0.0, 1.0)?;
         within("snap", self.snap, 0.0, 65536.0)?;
         within("margin", self.margin, 0.0, 65536.0)?;
         within("alpha", self.alpha, 0.0, 1000.0)?;
@@ -150,8 +156,11 @@ impl PerFrame for CurveTrace {
         let origin = [self.image.display_window().x as f64, self.image.display_window().y as f64];
         let places: Vec<[f64; 2]> = places.iter().map(|p| [p[0] - origin[0], p[1] - origin[1]]).collect();
         let Traced { mut points, mut anchors, on_ink, width, .. } = trace(&ink, &places, &self.options()).map_err(|e| {
-            NodeError::new(Fault::Input, e.to_string())
-                .help("anchors are pixels of the format; `snap` says how far they may be off, `threshold` what is ink")
+            let help = match e {
+                TraceError::OffInk { .. } => "set an anchor on the line between them, or a wider `margin`; `least_on_ink: 0` lets it be",
+                _ => "anchors are pixels of the format; `snap` says how far they may be off, `threshold` what is ink",
+            };
+            NodeError::new(Fault::Input, e.to_string()).help(help)
         })?;
         points.iter_mut().chain(&mut anchors).for_each(|p| *p = [p[0] + origin[0], p[1] + origin[1]]);
         let mut curves = Curves::default();

@@ -59,7 +59,12 @@ pub struct Options {
     pub snake: Snake,
     /// From the last anchor back to the first.
     pub closed: bool,
+    /// Share of each section that is to lie on ink, 0 to 1.
+    pub least_on_ink: f64,
 }
+
+/// Sections of as many points, a pixel apart, may be gaps in the line and nothing else.
+const GAP: usize = 8;
 
 /// What keeps a curve from being traced.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -95,6 +100,18 @@ pub enum TraceError {
         snap: f64,
         /// How far the nearest ink is.
         nearest: Option<f64>,
+    },
+    /// A section over paper.
+    #[error("anchors {from} and {to}: expected {least} or more of the curve between them on ink, found {on_ink:.2}")]
+    OffInk {
+        /// The number of its first anchor, from 1.
+        from: usize,
+        /// The number of its second.
+        to: usize,
+        /// Share of it on ink.
+        on_ink: f64,
+        /// Share that is asked for.
+        least: f64,
     },
     /// Two anchors at one place.
     #[error("anchors {0} and {1}: expected two places, found one", .anchor, .anchor + 1)]
@@ -147,6 +164,10 @@ pub fn trace(ink: &Ink, anchors: &[[f64; 2]], options: &Options) -> Result<Trace
         let [a, b] = [ends[k], ends[(k + 1) % ends.len()]];
         out.at.push(out.points.len());
         let mut points = section(wire, a, b, &field, ink, options);
+        let on_ink = share_on_ink(ink, &points, options.threshold);
+        if on_ink < options.least_on_ink && points.len() > GAP {
+            return Err(TraceError::OffInk { from: k + 1, to: (k + 1) % ends.len() + 1, on_ink, least: options.least_on_ink });
+        }
         points.pop();
         out.points.extend(points);
     }

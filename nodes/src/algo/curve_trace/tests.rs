@@ -70,6 +70,7 @@ fn options() -> Options {
         margin: 64.0,
         snake: Snake::default(),
         closed: false,
+        least_on_ink: 0.0,
     }
 }
 
@@ -224,3 +225,18 @@ const PEER: [[f64; 2]; 24] = [
     [0.631, 0.513],
     [2.520, 0.548],
 ];
+
+#[test]
+fn a_section_over_paper_is_told_unless_it_is_let_be() {
+    // Half a ring whose chord is much shorter than the ring is, and dearer only by the pixel.
+    let half = ring(49.0, 51.0);
+    let options = Options { snap: 0.0, margin: 0.0, least_on_ink: 0.2, ..options() };
+    let at = |degrees: f64| {
+        let (s, c) = degrees.to_radians().sin_cos();
+        [60.3 + 50.0 * c, 58.7 + 50.0 * s]
+    };
+    let error = trace(&half, &[at(0.0), at(20.0), [60.3, 58.7]], &options).unwrap_err().to_string();
+    assert!(error.starts_with("anchors 2 and 3: expected 0.2 or more of the curve between them on ink, found 0.1"), "{error}");
+    assert!(trace(&half, &[at(0.0), at(20.0)], &options).is_ok());
+    assert!(trace(&half, &[at(0.0), at(20.0), [60.3, 58.7]], &Options { least_on_ink: 0.0, ..options }).is_ok());
+}
