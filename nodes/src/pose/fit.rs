@@ -34,7 +34,7 @@ use crate::render::{limited, seen_by, within};
 #[derive(Node)]
 #[node(
     id = "pose.fit",
-    version = 1,
+    version = 2,
     outputs = PoseFitOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, section 3.1",
     example = "\"posed\": (type: \"pose.fit\", mesh: \"@ant.mesh\", skeleton: \"@ant.skeleton\", pose: \"@ant.pose\", camera: \"@camera\", markers: \"@joints\", lengths: [\"shin.L\"])"
@@ -100,7 +100,7 @@ pub(crate) struct PoseFitOutputs {
     pub(crate) pose: Pose,
     /// How far joints are from their markers on the mean, pixels; 0 without markers.
     pub(crate) marker_error: Curve,
-    /// How far the outlines are from each other on the mean, both ways, pixels; 0 without a drawing.
+    /// How far the outlines are from each other on the mean, both ways, pixels; 0 without a drawing. The pose is the best that was met by both errors, weighed.
     pub(crate) outline_error: Curve,
     /// Steps that were taken.
     pub(crate) steps: Curve,
@@ -304,6 +304,26 @@ fn apart(own: &[(Bound, Rim)], drawn: &[Rim]) -> f64 {
     (to + from) / 2.0
 }
 
+/// The best unknowns so far, with the errors of markers and outline.
+struct Best {
+    score: f64,
+    x: DVector<f64>,
+    errors: [f64; 2],
+}
+
+impl Best {
+    fn new(x: DVector<f64>) -> Self {
+        Self { score: f64::INFINITY, x, errors: [f64::NAN; 2] }
+    }
+
+    fn offer(&mut self, score: f64, x: &DVector<f64>, errors: [f64; 2]) {
+        // Not that of an outline that is not there, which is NaN.
+        if score < self.score {
+            *self = Self { score, x: x.clone(), errors };
+        }
+    }
+}
+
 impl PerFrame for PoseFit {
     fn run(self, cx: &Context) -> Result<PoseFitOutputs, NodeError> {
         self.check_numbers()?;
@@ -326,9 +346,22 @@ impl PerFrame for PoseFit {
             let local: Vec<Matrix4<f64>> = figure.joints(x).iter().map(Joint::matrix).collect();
             world_from_joint(&self.skeleton.parents, &local).map_err(|e| NodeError::input(format!("skeleton: {e}")))
         };
+        let points: Vec<Bound> = markers.iter().map(|g| g.point.clone()).collect();
+        let marker_error = |x: &DVector<f64>| {
+            let offs = project(&figure, &camera, &points, x);
+            let sum: f64 = offs.iter().zip(&markers).map(|(p, g)| (p - g.at).norm()).sum();
+            if markers.is_empty() { 0.0 } else { sum / markers.len() as f64 }
+        };
         let mut x = DVector::zeros(figure.n_unknowns());
+        let mut best = Best::new(x.clone());
+        let mut look = |x: &DVector<f64>, own: &[(Bound, Rim)], drawn: &[Rim]| {
+            let (outline, marker) = (apart(own, drawn), marker_error(x));
+            best.offer(self.outline_weight * 20.0 * outline + self.marker_weight * markers.len() as f64 * marker, x, [marker, outline]);
+        };
+        if let Some((drawn, body)) = &outline {
+            look(&x, &body.outline(&world(&x)?, &camera)?, drawn);
+        }
         let mut steps = if markers.is_empty() { 0 } else { improve(&figure, &camera, &markers, &priors, &mut x, 100) };
-        let mut outline_error = 0.0;
         if let Some((drawn, body)) = &outline {
             for round in 0..self.rounds {
                 cx.check()?;
@@ -336,20 +369,25 @@ impl PerFrame for PoseFit {
                 let t = f64::from(round) / f64::from(self.rounds.max(2) - 1);
                 let reach = self.reach * libm::pow((4.0 / self.reach).min(1.0), t);
                 let own = body.outline(&world(&x)?, &camera)?;
+                look(&x, &own, drawn);
                 let mut goals = outline_goals(&own, drawn, reach, reach / 2.0, 1.0);
                 let weight = self.outline_weight * (20.0 / goals.len().max(1) as f64).sqrt();
                 goals.iter_mut().for_each(|g| g.weight *= weight);
                 goals.extend(markers.iter().cloned());
                 steps += improve(&figure, &camera, &goals, &priors, &mut x, 4);
             }
-            outline_error = apart(&body.outline(&world(&x)?, &camera)?, drawn);
+            look(&x, &body.outline(&world(&x)?, &camera)?, drawn);
+            if !best.score.is_finite() {
+                return Err(NodeError::input("mesh: expected an outline with an outside in the picture, found none")
+                    .help("a flat, open mesh that faces the camera has none, nor one out of the picture; fit it by markers alone"));
+            }
+        } else {
+            best = Best { score: 0.0, errors: [marker_error(&x), 0.0], x };
         }
-        let points: Vec<Bound> = markers.iter().map(|g| g.point.clone()).collect();
-        let offs = project(&figure, &camera, &points, &x);
-        let sum: f64 = offs.iter().zip(&markers).map(|(p, g)| (p - g.at).norm()).sum();
+        let [marker_error, outline_error] = best.errors;
         Ok(PoseFitOutputs {
-            pose: figure.joints(&x).into_iter().collect(),
-            marker_error: Curve { value: if markers.is_empty() { 0.0 } else { sum / markers.len() as f64 } },
+            pose: figure.joints(&best.x).into_iter().collect(),
+            marker_error: Curve { value: marker_error },
             outline_error: Curve { value: outline_error },
             steps: Curve { value: f64::from(steps) },
         })
