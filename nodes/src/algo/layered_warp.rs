@@ -150,8 +150,17 @@ pub fn places(pairs: &[Pair], positions: &[[f64; 3]], camera: &Camera) -> Result
 /// # Errors
 /// As of [`places`].
 pub fn layered(mesh: &Posed, pairs: &[Pair], camera: &Camera, how: &Layering) -> Result<Layered, LayerError> {
+    let layers = Layers::fit(mesh, pairs, camera, how)?;
+    let field = layers.field(mesh, camera);
     let from = places(pairs, mesh.positions, camera)?;
-    let seen = projected(mesh.positions, camera);
+    let residuals = residuals(pairs, &from, &field);
+    let folds = folds(&projected(mesh.positions, camera), &field, mesh.triangles);
+    Ok(Layered { field, residuals, growth: layers.growth, folds })
+}
+
+/// The warps of all bones that correspondences ask for.
+fn fitted(mesh: &Posed, pairs: &[Pair], camera: &Camera, how: &Layering) -> Result<(Vec<Option<Ffd>>, f64), LayerError> {
+    let from = places(pairs, mesh.positions, camera)?;
     let domain = domain(pairs, &from, camera);
     let fit = Options { cells: cells(domain, how.cells), ..how.fit };
     let own = shares(mesh);
@@ -171,11 +180,7 @@ pub fn layered(mesh: &Posed, pairs: &[Pair], camera: &Camera, how: &Layering) ->
         growth = ffd.as_ref().map_or(growth, |f| growth.min(f.least_growth(domain, SCAN)));
         fitted.push(ffd);
     }
-    let layers = Layers { layer_of: layer_of(&fitted, mesh.parents, how), fitted, how };
-    let field: Vec<[f64; 2]> = seen.iter().zip(&own).map(|(p, own)| p.map_or([0.0; 2], |p| layers.displacement(p, own))).collect();
-    let residuals = residuals(pairs, &from, &field);
-    let folds = folds(&seen, &field, mesh.triangles);
-    Ok(Layered { field, residuals, growth, folds })
+    Ok((fitted, growth))
 }
 
 /// How far each pair is from where it is drawn when its edge's ends are moved.
@@ -252,14 +257,30 @@ fn layer_of(fitted: &[Option<Ffd>], parents: &[i64], how: &Layering) -> Vec<Opti
     (0..parents.len()).map(|j| if how.layers { above(j) } else { Some(0) }).collect()
 }
 
-/// All layers.
-struct Layers<'a> {
+/// All layers, as they are fitted to pairs: a function of the picture, for any mesh that the same joints move.
+pub struct Layers {
     fitted: Vec<Option<Ffd>>,
     layer_of: Vec<Option<usize>>,
-    how: &'a Layering,
+    how: Layering,
+    growth: f64,
 }
 
-impl Layers<'_> {
+impl Layers {
+    /// Fits them. Cost: O(layers · pairs · levels).
+    ///
+    /// # Errors
+    /// As of [`places`].
+    pub fn fit(mesh: &Posed, pairs: &[Pair], camera: &Camera, how: &Layering) -> Result<Self, LayerError> {
+        let (fitted, growth) = fitted(mesh, pairs, camera, how)?;
+        Ok(Self { layer_of: layer_of(&fitted, mesh.parents, how), fitted, how: *how, growth })
+    }
+
+    /// How far each vertex is moved, pixels; nothing where it is behind the camera. Cost: O(vertices · influences · levels).
+    pub fn field(&self, mesh: &Posed, camera: &Camera) -> Vec<[f64; 2]> {
+        let seen = projected(mesh.positions, camera);
+        seen.iter().zip(shares(mesh)).map(|(p, own)| p.map_or([0.0; 2], |p| self.displacement(p, &own))).collect()
+    }
+
     /// How far a place is moved of which joints have these shares.
     fn displacement(&self, p: [f64; 2], own: &[(u32, f64)]) -> [f64; 2] {
         if !self.how.layers {

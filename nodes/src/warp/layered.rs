@@ -26,7 +26,7 @@ use pegbar_engine::value::{Curve, Vector};
 use pegbar_engine::{Node, Outputs, Setting};
 
 use crate::algo::camera::Camera as Viewed;
-use crate::algo::layered_warp::{Layered, Layering, Missing, Pair, Posed, folds, layered, places, projected, residuals};
+use crate::algo::layered_warp::{Layered, Layering, Layers, Missing, Pair, Posed, folds, layered, places, projected, residuals};
 use crate::algo::mffd::{Combine, Options};
 use crate::algo::skin::Skin;
 use crate::algo::surface_field::{Smooth, spread};
@@ -51,7 +51,7 @@ pub(crate) enum Over {
 #[derive(Node)]
 #[node(
     id = "warp.layered",
-    version = 2,
+    version = 3,
     outputs = WarpLayeredOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, sections 3.3-3.4; Lee, Chwa, Hahn, Shin 1995; Choi, Lee 2000",
     example = "\"field\": (type: \"warp.layered\", correspondences: \"@pairs\", mesh: \"@ant.mesh\", skeleton: \"@ant.skeleton\", pose: \"@ant.pose\", camera: \"@camera\")"
@@ -166,28 +166,34 @@ impl WarpLayered {
         Layering { layers, missing: self.missing, least_weight: self.least_weight, cells: self.cells as usize, fit }
     }
 
-    /// The warp over the picture.
-    fn over_picture(&self, mesh: &SkinnedMesh, pairs: &[Pair], camera: &Viewed) -> Result<Layered, NodeError> {
-        let posed = Posed {
-            positions: &self.posed(mesh)?,
+    /// A mesh in the world with what moves it.
+    fn bound<'a>(&'a self, mesh: &'a SkinnedMesh, positions: &'a [[f64; 3]]) -> Posed<'a> {
+        Posed {
+            positions,
             triangles: &mesh.triangles,
             influences: mesh.joints.shape()[1],
             joints: mesh.joints.data(),
             weights: mesh.weights.data(),
             parents: &self.skeleton.parents,
-        };
-        layered(&posed, pairs, camera, &self.how()).map_err(refused)
+        }
+    }
+
+    /// The warp over the picture.
+    fn over_picture(&self, mesh: &SkinnedMesh, pairs: &[Pair], camera: &Viewed) -> Result<Layered, NodeError> {
+        layered(&self.bound(mesh, &self.posed(mesh)?), pairs, camera, &self.how()).map_err(refused)
     }
 
     /// Makes the mesh denser where the warp asks for it.
     fn dense(&self, mut pairs: Vec<Pair>, camera: &Viewed, cx: &Context) -> Result<Dense, NodeError> {
         let (mut mesh, mut bend) = ((*self.mesh).clone(), 0.0);
+        // Once: halving edges moves pairs by no more than what a bent joint takes off their middles. The denser mesh is fitted anew in the end.
+        let layers = Layers::fit(&self.bound(&mesh, &self.posed(&mesh)?), &pairs, camera, &self.how()).map_err(refused)?;
         for round in 0..=self.tessellate_rounds {
             cx.check()?;
             let mut dense = Skinned::from(&mesh);
             let surface = dense.surface().map_err(|e| NodeError::input(format!("mesh: {e}")))?;
             let asked = bound_as(dense.with_middles(&surface), &mesh)?;
-            let field = self.over_picture(&asked, &pairs, camera)?.field;
+            let field = layers.field(&self.bound(&asked, &self.posed(&asked)?), camera);
             let (wanted, most) = bent(&surface, &field, self.tessellate);
             bend = most;
             if round == self.tessellate_rounds || most <= self.tessellate || surface.triangles.len() > MOST {
