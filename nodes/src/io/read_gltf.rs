@@ -42,7 +42,7 @@ pub(crate) enum End {
 #[derive(Node)]
 #[node(
     id = "io.read_gltf",
-    version = 1,
+    version = 2,
     kind = whole,
     outputs = IoReadGltfOutputs,
     beside = named_beside,
