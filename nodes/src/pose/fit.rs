@@ -393,3 +393,22 @@ impl PerFrame for PoseFit {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_pose_is_kept_with_its_errors() {
+        let at = |v: f64| DVector::from_element(2, v);
+        let mut best = Best::new(at(0.0));
+        best.offer(f64::NAN, &at(1.0), [f64::NAN; 2]);
+        assert!(!best.score.is_finite() && best.x == at(0.0));
+        best.offer(3.0, &at(2.0), [1.0, 2.0]);
+        best.offer(4.0, &at(3.0), [2.0, 2.0]);
+        best.offer(3.0, &at(4.0), [0.0, 3.0]);
+        assert!(best.x == at(2.0) && best.errors == [1.0, 2.0], "the first of several that are as good");
+        best.offer(2.0, &at(5.0), [0.5, 1.5]);
+        assert!(best.x == at(5.0) && best.errors == [0.5, 1.5]);
+    }
+}

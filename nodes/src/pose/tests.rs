@@ -340,6 +340,53 @@ fn a_fit_without_goals_or_with_wrong_names_is_refused() {
     );
 }
 
+/// A board a metre high, bound to the body: flat, or a box as deep as it is wide.
+fn board(depth: f64) -> SkinnedMesh {
+    let corner =
+        |i: u32| [if i & 1 == 0 { -0.2 } else { 0.2 }, if i & 2 == 0 { 0.2 } else { 1.2 }, if i & 4 == 0 { depth } else { -depth }];
+    let quads: &[[u32; 4]] =
+        if depth > 0.0 { &[[0, 1, 3, 2], [5, 4, 6, 7], [4, 0, 2, 6], [1, 5, 7, 3], [2, 3, 7, 6], [4, 5, 1, 0]] } else { &[[0, 1, 3, 2]] };
+    let n: u32 = if depth > 0.0 { 8 } else { 4 };
+    let triangles = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    let mesh = Mesh { positions: (0..n).map(corner).collect(), triangles: Arc::new(triangles), ..Mesh::default() };
+    let bind = Matrix4::new_translation(&Vector3::new(0.0, -1.2, 0.0));
+    SkinnedMesh::new(mesh, 1, vec![0; n as usize], vec![1.0; n as usize], &[bind; 4]).unwrap()
+}
+
+/// Fitted to a black rectangle on white by outlines alone.
+fn outlined(mesh: SkinnedMesh, [left, top, right, bottom]: [usize; 4], rounds: u32) -> Result<fit::PoseFitOutputs, NodeError> {
+    use crate::algo::camera::{Camera, Orbit, orthographic};
+    let ink = |i: usize| (left..right).contains(&(i % 320)) && (top..bottom).contains(&(i / 320));
+    let samples = (0..320 * 240).flat_map(|i| [if ink(i) { 0.0 } else { 1.0 }; 3]).collect();
+    let orbit = Orbit { target: [0.0, 0.6, 0.0], azimuth: 0.0, elevation: 0.0, roll: 0.0, distance: 5.0 };
+    let seen = Camera::new(orbit.view(), orthographic(150.0, [320, 240], 0.1, 100.0), [320, 240]).unwrap();
+    run_one(fit::PoseFit {
+        mesh: Some(In::new(mesh)),
+        camera: In::new(crate::data::Camera::from(&seen)),
+        drawing: Some(In::new(crate::data::Image::new(320, 240, 3, samples).unwrap())),
+        markers: None,
+        rounds,
+        ..fit(crate::data::Markers2::default())
+    })
+}
+
+#[test]
+fn a_fit_by_outlines_is_no_worse_than_any_pose_on_its_way() {
+    // The box is seen from 130 to 190 across and from 30 to 180 down; it is drawn 24 pixels to the right.
+    let errors: Vec<f64> = (1..=8).map(|n| outlined(board(0.2), [154, 30, 214, 180], n).unwrap().outline_error.value).collect();
+    assert!(errors[7] < 1.0, "{errors:?}");
+    // What no pose of it looks like: as it stands it is better than nothing, and never worse than that.
+    let odd = |n: u32| outlined(board(0.2), [10, 10, 40, 230], n).unwrap().outline_error.value;
+    let first = odd(1);
+    assert!(first > 10.0 && odd(12) <= first, "{first} {}", odd(12));
+}
+
+#[test]
+fn a_mesh_without_an_outline_is_refused() {
+    let error = outlined(board(0.0), [154, 30, 214, 180], 4).map(|_| ()).unwrap_err();
+    assert_eq!(error.message, "mesh: expected an outline with an outside in the picture, found none");
+}
+
 fn run_one(node: fit::PoseFit) -> Result<fit::PoseFitOutputs, NodeError> {
     use pegbar_engine::node::PerFrame;
     let clock = clock(1);
