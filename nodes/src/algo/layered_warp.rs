@@ -356,17 +356,37 @@ mod tests {
         Layering { layers, missing: Missing::Parent, least_weight: 0.05, cells: 4, fit: Options::default() }
     }
 
-    fn warped(scene: &Scene, how: &Layering) -> Layered {
-        let weights = vec![1.0; scene.joints.len()];
-        let mesh = Posed {
+    fn bound<'a>(scene: &'a Scene, weights: &'a [f64]) -> Posed<'a> {
+        Posed {
             positions: &scene.positions,
             triangles: &scene.triangles,
             influences: 1,
             joints: &scene.joints,
-            weights: &weights,
+            weights,
             parents: &[-1, 0, 0],
-        };
-        layered(&mesh, &scene.pairs, &camera(), how).unwrap()
+        }
+    }
+
+    fn warped(scene: &Scene, how: &Layering) -> Layered {
+        layered(&bound(scene, &vec![1.0; scene.joints.len()]), &scene.pairs, &camera(), how).unwrap()
+    }
+
+    #[test]
+    fn one_fit_serves_denser_meshes_too() {
+        let (coarse, mut dense) = (scene(), scene());
+        // A vertex more in the middle of an edge of each triangle, on the same joint.
+        for t in &coarse.triangles {
+            let [a, b] = [t[0], t[1]].map(|v| coarse.positions[v as usize]);
+            dense.positions.push([0, 1, 2].map(|k| (a[k] + b[k]) / 2.0));
+            dense.joints.push(coarse.joints[t[0] as usize]);
+        }
+        let weights = vec![1.0; dense.joints.len()];
+        let n = coarse.positions.len();
+        let layers = Layers::fit(&bound(&coarse, &weights[..n]), &coarse.pairs, &camera(), &how(true)).unwrap();
+        let field = layers.field(&bound(&dense, &weights), &camera());
+        assert_eq!(field, warped(&dense, &how(true)).field, "as if it were fitted to the denser mesh");
+        assert_eq!(field[..n], warped(&coarse, &how(true)).field);
+        assert!(field[n..].iter().any(|d| d[1] < -12.0));
     }
 
     fn most(field: &[[f64; 2]]) -> f64 {

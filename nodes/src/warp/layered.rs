@@ -2,7 +2,8 @@
 //!
 //! **Method** each bone has a free-form deformation of its own, fitted to the correspondences that it moves ([`crate::algo::layered_warp`],
 //! [`crate::algo::mffd`]): levels of cubic B-splines one after another, each of which folds nowhere. Vertices go with the mean of their bones' layers,
-//! by skin weights, so that limbs that cover each other in the picture move by themselves. Or the displacements are spread over the surface
+//! by skin weights, so that limbs that cover each other in the picture move by themselves. A joint that is the same place as the one above it, at rest and
+//! posed, is no bone of its own. Or the displacements are spread over the surface
 //! ([`crate::algo::surface_field`]), which knows no picture at all. Where triangles are too large for what is drawn, they may be made smaller first
 //! ([`crate::algo::tessellate`]).
 //!
@@ -166,13 +167,41 @@ impl WarpLayered {
         Layering { layers, missing: self.missing, least_weight: self.least_weight, cells: self.cells as usize, fit }
     }
 
+    /// The joint whose layer each joint is in: itself, or the nearest above it that it is the same place as, at rest and posed. Files part a body into such
+    /// joints by its materials, and drawing one of the parts must not tear it off the others.
+    fn layer_joints(&self) -> Vec<u32> {
+        let rest = self.skeleton.parent_from_joint.data().chunks_exact(16).map(nalgebra::Matrix4::from_row_slice);
+        let posed = self.pose.joints().unwrap_or_default().into_iter().map(|j| j.matrix());
+        let still = |m: &nalgebra::Matrix4<f64>| (m - nalgebra::Matrix4::identity()).amax() < 1e-6;
+        let same: Vec<bool> = rest.zip(posed).map(|(r, p)| still(&r) && still(&p)).collect();
+        let parents = &self.skeleton.parents;
+        let above = |joint: usize| {
+            let mut at = joint;
+            // As many steps as joints lead to a root, whatever the parents are.
+            for _ in 0..parents.len() {
+                match usize::try_from(parents[at]) {
+                    Ok(parent) if parent < parents.len() && same.get(at) == Some(&true) => at = parent,
+                    _ => break,
+                }
+            }
+            at as u32
+        };
+        (0..parents.len()).map(above).collect()
+    }
+
+    /// The joints of a mesh by their layers.
+    fn joints(&self, mesh: &SkinnedMesh) -> Vec<u32> {
+        let layer = self.layer_joints();
+        mesh.joints.data().iter().map(|j| layer.get(*j as usize).copied().unwrap_or(*j)).collect()
+    }
+
     /// A mesh in the world with what moves it.
-    fn bound<'a>(&'a self, mesh: &'a SkinnedMesh, positions: &'a [[f64; 3]]) -> Posed<'a> {
+    fn bound<'a>(&'a self, mesh: &'a SkinnedMesh, positions: &'a [[f64; 3]], joints: &'a [u32]) -> Posed<'a> {
         Posed {
             positions,
             triangles: &mesh.triangles,
             influences: mesh.joints.shape()[1],
-            joints: mesh.joints.data(),
+            joints,
             weights: mesh.weights.data(),
             parents: &self.skeleton.parents,
         }
@@ -180,20 +209,21 @@ impl WarpLayered {
 
     /// The warp over the picture.
     fn over_picture(&self, mesh: &SkinnedMesh, pairs: &[Pair], camera: &Viewed) -> Result<Layered, NodeError> {
-        layered(&self.bound(mesh, &self.posed(mesh)?), pairs, camera, &self.how()).map_err(refused)
+        layered(&self.bound(mesh, &self.posed(mesh)?, &self.joints(mesh)), pairs, camera, &self.how()).map_err(refused)
     }
 
     /// Makes the mesh denser where the warp asks for it.
     fn dense(&self, mut pairs: Vec<Pair>, camera: &Viewed, cx: &Context) -> Result<Dense, NodeError> {
         let (mut mesh, mut bend) = ((*self.mesh).clone(), 0.0);
         // Once: halving edges moves pairs by no more than what a bent joint takes off their middles. The denser mesh is fitted anew in the end.
-        let layers = Layers::fit(&self.bound(&mesh, &self.posed(&mesh)?), &pairs, camera, &self.how()).map_err(refused)?;
+        let layers =
+            Layers::fit(&self.bound(&mesh, &self.posed(&mesh)?, &self.joints(&mesh)), &pairs, camera, &self.how()).map_err(refused)?;
         for round in 0..=self.tessellate_rounds {
             cx.check()?;
             let mut dense = Skinned::from(&mesh);
             let surface = dense.surface().map_err(|e| NodeError::input(format!("mesh: {e}")))?;
             let asked = bound_as(dense.with_middles(&surface), &mesh)?;
-            let field = layers.field(&self.bound(&asked, &self.posed(&asked)?), camera);
+            let field = layers.field(&self.bound(&asked, &self.posed(&asked)?, &self.joints(&asked)), camera);
             let (wanted, most) = bent(&surface, &field, self.tessellate);
             bend = most;
             if round == self.tessellate_rounds || most <= self.tessellate || surface.triangles.len() > MOST {
@@ -247,5 +277,65 @@ impl PerFrame for WarpLayered {
             mesh,
             bend: Curve { value: bend },
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix4, Vector3};
+    use pegbar_engine::node::Cancel;
+
+    use super::*;
+    use crate::algo::camera::{Orbit, orthographic};
+    use crate::counted::clock;
+
+    /// A square, its left edge and its right edge each bound to a joint of its own, as a body in two materials is. The second joint stands in the first one's
+    /// place, or `apart` from it. The left edge is drawn 16 pixels higher, and of the right one nothing but its foot, where it stands.
+    fn parted(apart: f64) -> Vec<[f64; 2]> {
+        let moved = |x: f64| Matrix4::new_translation(&Vector3::new(x, 0.0, 0.0));
+        let positions = vec![[-0.5, -0.5, 0.0], [-0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0]];
+        let surface = Mesh { positions, triangles: Arc::new(vec![[0, 2, 1], [1, 2, 3]]), ..Mesh::default() };
+        let inverse_bind = [Matrix4::identity(), moved(-apart)];
+        let orbit = Orbit { target: [0.0; 3], azimuth: 0.0, elevation: 0.0, roll: 0.0, distance: 10.0 };
+        let seen = Viewed::new(orbit.view(), orthographic(64.0, [256, 256], 0.1, 100.0), [256, 256]).unwrap();
+        let node = WarpLayered {
+            correspondences: In::new(Correspondences {
+                edges: vec![[0, 0], [1, 1], [2, 2]],
+                shares: vec![0.0; 3],
+                points: vec![[96.0, 144.0], [96.0, 80.0], [160.0, 160.0]],
+                weights: Vec::new(),
+            }),
+            mesh: In::new(SkinnedMesh::new(surface, 1, vec![0, 0, 1, 1], vec![1.0; 4], &inverse_bind).unwrap()),
+            skeleton: In::new(Skeleton::new(vec![-1, 0], &[Matrix4::identity(), moved(apart)], Vec::new()).unwrap()),
+            pose: In::new(Pose {
+                translations: vec![[0.0; 3], [apart, 0.0, 0.0]],
+                rotations: vec![[0.0, 0.0, 0.0, 1.0]; 2],
+                scales: vec![[1.0; 3]; 2],
+            }),
+            camera: In::new(Camera::from(&seen)),
+            over: Over::Layers,
+            missing: Missing::Parent,
+            least_weight: 0.05,
+            cells: 4,
+            levels: 10,
+            repeats: 8,
+            tolerance: 1e-6,
+            combine: Combine::Composed,
+            tessellate: 0.0,
+            tessellate_rounds: 4,
+        };
+        let clock = clock(1);
+        node.run(&Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &Cancel::default() }).unwrap().field.vectors
+    }
+
+    #[test]
+    fn joints_in_one_place_are_one_bone() {
+        let (one, two) = (parted(0.0), parted(0.1));
+        for field in [&one, &two] {
+            assert!(libm::hypot(field[0][0], field[0][1] + 16.0) < 1e-3 && libm::hypot(field[2][0], field[2][1]) < 1e-3, "{field:?}");
+        }
+        // Nothing was drawn of the upper right corner: it goes along with the body, or stays with a bone of its own.
+        assert!(one[3][1].abs() > 0.5, "{one:?}");
+        assert!(libm::hypot(two[3][0], two[3][1]) < 1e-9, "{two:?}");
     }
 }
