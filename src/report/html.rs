@@ -60,8 +60,8 @@ pub(crate) fn base64(bytes: &[u8]) -> String {
 
 /// A point in the numbers of an SVG path.
 pub(crate) fn point(out: &mut String, letter: char, [x, y]: [f64; 2]) {
-    // Writing into a string cannot fail.
-    let _ = write!(out, "{letter}{x:.2} {y:.2}");
+    // Nought is added so that there is no minus before it. Writing into a string cannot fail.
+    let _ = write!(out, "{letter}{:.2} {:.2}", x + 0.0, y + 0.0);
 }
 
 #[cfg(test)]

@@ -265,12 +265,9 @@ impl<'a> Page<'a> {
         let word = self.state(node).words().1;
         let mut chips = vec![format!("<b>{word}</b>"), escape(&rate(spec))];
         if self.wanted[node].tasks > 0 {
-            chips.push(format!(
-                "<b>{}</b> ran, <b>{}</b> cached, of {}",
-                stats.tasks,
-                stats.skipped,
-                count(self.wanted[node].tasks, "task")
-            ));
+            let (ran, kept, all) = (stats.tasks, stats.skipped, self.wanted[node].tasks);
+            let in_stages = if ran + kept > all as u64 { ", run again in a later stage" } else { "" };
+            chips.push(format!("<b>{ran}</b> ran, <b>{kept}</b> cached, of {}{in_stages}", count(all, "task")));
         }
         if stats.tasks > 0 {
             let each = stats.time / u32::try_from(stats.tasks).unwrap_or(u32::MAX);
@@ -291,7 +288,9 @@ impl<'a> Page<'a> {
             let at = failure.frame.map(|f| format!("frame {f}: ")).unwrap_or_default();
             let _ = write!(out, "<p class=\"failed\">{at}{}</p>", escape(&failure.error.message));
         }
+        out.push_str("<div class=\"outputs\">");
         (0..spec.ty.schema.outputs.len()).for_each(|output| out.push_str(&values.output(Port { node, output })));
+        out.push_str("</div>");
         out.push_str(&settings::of_node(self.facts.loaded, self.facts.graph, spec, |n| format!("<a href=\"#node-{n}\">{{}}</a>")));
         out + "</section>\n"
     }

@@ -15,8 +15,20 @@ const MOST: usize = 240;
 fn place(loaded: &Loaded, setting: &Setting) -> String {
     match setting.layer {
         Layer::CommandLine | Layer::Default => String::new(),
-        _ => format!(" <span class=\"mono\">{}</span>", escape(&loaded.sources.place(&Label::new(setting.file, setting.span)))),
+        _ => format!(" <span class=\"mono\">{}</span>", escape(&tidy(&loaded.sources.place(&Label::new(setting.file, setting.span))))),
     }
+}
+
+/// A path without the folders that it goes into and out of again.
+fn tidy(path: &str) -> String {
+    let mut parts: Vec<&str> = Vec::new();
+    for part in path.split('/') {
+        match parts.last() {
+            Some(last) if part == ".." && !["", "..", "."].contains(last) => drop(parts.pop()),
+            _ => parts.push(part),
+        }
+    }
+    parts.join("/")
 }
 
 /// The inputs of a node: what stands there, and who says so; those at their defaults apart.
@@ -57,7 +69,7 @@ pub(super) fn of_node(loaded: &Loaded, graph: &Graph, node: &GraphNode, link: im
         let count = crate::console::count(n_defaults, "input");
         let _ = write!(
             out,
-            "<details><summary>{count} as the node type has it</summary><div class=\"wide\"><table>{defaults}</table></div></details>"
+            "<details><summary>{count} at the default of the node type</summary><div class=\"wide\"><table>{defaults}</table></div></details>"
         );
     }
     out
@@ -83,15 +95,46 @@ fn before(loaded: &Loaded, said: &[Setting], default: Option<&str>) -> String {
     out
 }
 
-/// Parameters of the graph and of the graphs that it uses.
+/// Parameters of the graph; those of the graphs that it uses apart.
 pub(super) fn parameters(loaded: &Loaded) -> String {
-    let mut rows = String::new();
+    let (mut own, mut inner, mut n_inner) = (String::new(), String::new(), 0);
     for name in loaded.settings.names().filter(|name| name.starts_with('$') || name.contains("/$")) {
         let said = loaded.settings.of(name);
         let Some(last) = said.last() else { continue };
         let who = format!("{}{}{}", last.layer.name(), place(loaded, last), before(loaded, said, None));
         let value = escape(&shortened(&last.text, MOST));
-        let _ = write!(rows, "<tr><td>{}</td><td class=\"value\">{value}</td><td class=\"place\">{who}</td></tr>\n", escape(name));
+        let rows = if name.starts_with('$') { &mut own } else { &mut inner };
+        n_inner += usize::from(!name.starts_with('$'));
+        let _ = writeln!(rows, "<tr><td>{}</td><td class=\"value\">{value}</td><td class=\"place\">{who}</td></tr>", escape(name));
     }
-    if rows.is_empty() { rows } else { format!("<h2 id=\"parameters\">Parameters</h2><div class=\"wide\"><table>{rows}</table></div>") }
+    let mut out = String::new();
+    if !own.is_empty() || n_inner > 0 {
+        let _ = write!(out, "<h2 id=\"parameters\">Parameters</h2><div class=\"wide\"><table>{own}</table></div>");
+    }
+    if n_inner > 0 {
+        let _ = write!(
+            out,
+            "<details><summary>{n_inner} of the graphs that it uses</summary><div class=\"wide\"><table>{inner}</table></div></details>"
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::tidy;
+
+    #[test]
+    fn paths_go_straight() {
+        let cases = [
+            ("a/b/../../c/d.ron:1:2", "c/d.ron:1:2"),
+            ("../a/../b", "../b"),
+            ("/a/./b", "/a/./b"),
+            ("../../a", "../../a"),
+            ("/../a", "/../a"),
+        ];
+        for (path, straight) in cases {
+            assert_eq!(tidy(path), straight);
+        }
+    }
 }

@@ -9,7 +9,8 @@ use crate::{Console, run_cli};
 
 /// Runs a graph, and gives exit code and standard error; with a report at `pages/r.html` where one is wanted.
 fn run(folder: &Path, registry: &Registry, nodes: &str, has_report: bool, more: &[&str]) -> (u8, String) {
-    let head = "pegbar: 1, frames: (first: 1, last: 8, fps: 24), params: { \"size\": (type: \"any\", default: (32, 16)) }";
+    let params = if nodes.contains("$size") { ", params: { \"size\": (type: \"any\", default: (32, 16)) }" } else { "" };
+    let head = format!("pegbar: 1, frames: (first: 1, last: 8, fps: 24){params}");
     std::fs::write(folder.join("g.ron"), format!("Graph({head}, nodes: {{\n{nodes}\n}})\n")).unwrap();
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     let (graph, out, cache, page) = (path("g.ron"), path("out"), path("cache"), path("pages/r.html"));

@@ -37,7 +37,9 @@ impl Values<'_> {
             Some(caught) if !caught.shown.is_empty() => self.shown(port, caught),
             _ => format!("<p class=\"plain\">{}</p>", self.why_not(port.node, None)),
         };
-        format!("<h4>{} <span class=\"soft\">{}{each}</span></h4>{what}\n", escape(name), escape(ty))
+        // Pictures of several frames, and what is large, take the whole width.
+        let class = if what.matches("<figure>").count() > 1 || what.contains("<div class=\"wide\">") { " class=\"full\"" } else { "" };
+        format!("<div{class}><h4>{} <span class=\"soft\">{}{each}</span></h4>{what}</div>\n", escape(name), escape(ty))
     }
 
     /// Why there is nothing to show.
@@ -63,6 +65,13 @@ impl Values<'_> {
         }
         let frames: Vec<f64> = caught.numbers.keys().flatten().map(|f| *f as f64).collect();
         let values = |i: usize| -> Vec<f64> { caught.numbers.values().map(|v| v.get(i).copied().unwrap_or(f64::NAN)).collect() };
+        if let [line] = &lines[..]
+            && let [first, rest @ ..] = &values(0)[..]
+            && rest.iter().all(|v| v == first)
+        {
+            let at = crate::console::count(frames.len(), "frame");
+            return format!("<p class=\"mono\">{} {} <span class=\"soft\">at all of {at}</span></p>", escape(&line.name), number(*first));
+        }
         let mut panels: Vec<Panel> = Vec::new();
         for (i, line) in lines.iter().enumerate() {
             let series = (line.name.clone(), values(i));

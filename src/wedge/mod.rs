@@ -141,7 +141,8 @@ impl<'a> Wedge<'a> {
     fn numbers(&self, index: usize, graph: &Graph) -> Vec<Port> {
         let all =
             (0..graph.nodes.len()).flat_map(|node| (0..graph.nodes[node].output_types.len()).map(move |output| Port { node, output }));
-        let own = |port: &Port| self.kinships.shared_by(index, port.node) < self.variants.len();
+        let sound = self.loaded.iter().filter(|l| l.graph.is_some()).count();
+        let own = |port: &Port| self.kinships.shared_by(index, port.node) < sound;
         all.filter(|port| is_number(graph, *port) && own(port)).collect()
     }
 
@@ -168,8 +169,8 @@ impl<'a> Wedge<'a> {
         } else {
             console.say("no picture to show: name an output that is one with --show NODE.OUTPUT\n");
         }
-        match wrong {
-            Some(ref wrong) => console.say(&format!("error: {wrong}\n")),
+        match &wrong {
+            Some(wrong) => console.say(&format!("error: {wrong}\n")),
             None => console.say(&format!(
                 "table {}{}\n",
                 csv.display(),

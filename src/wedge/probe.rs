@@ -87,7 +87,10 @@ impl Observer for Probe<'_> {
     }
 
     fn ended(&self, results: &Results) {
-        let (frames, needed) = (self.seen().frames.clone(), self.seen().needed.clone());
+        let (frames, needed) = {
+            let seen = self.seen();
+            (seen.frames.clone(), seen.needed.clone())
+        };
         let pictures = self.port.map(|port| (port, frames));
         for (port, frames) in pictures.into_iter().chain(needed) {
             let is_single = results.graph.is_single(port);

@@ -145,7 +145,7 @@ mod tests {
         cells[2] = Cell { pictures: Vec::new(), label: "a.b=3".to_owned(), failure: Some("expected more") };
         let sheet = drawn(&cells, 2, [320, 240]);
         assert_eq!((sheet.width, sheet.height), (GAP + 2 * (200 + GAP), GAP + 2 * (100 + LINES * LINE + GAP)));
-        let at = |x: usize, y: usize| sheet.rgb[(y * sheet.width + x) * 3];
+        let at = |x: usize, y: usize| sheet.rgb[(y * sheet.width + x) * 3 + 1];
         assert_eq!((at(GAP, GAP), at(GAP + 212, GAP + 99)), (0.1, 0.2));
         let below = GAP + 172;
         assert_eq!((at(GAP + 150, below + 90), at(GAP + 212 + 50, below + 50)), (EMPTY, GROUND));

@@ -15,7 +15,8 @@ const NUMBERS: &str = r#""f": (type: "test.frame"),
         "out": (type: "test.write", value: "@b", path: "$out/n.##.txt"),"#;
 
 fn wedge(folder: &Path, registry: &Registry, nodes: &str, more: &[&str]) -> (u8, String, Vec<String>) {
-    let head = "pegbar: 1, frames: (first: 1, last: 4, fps: 24), params: { \"size\": (type: \"any\", default: (32, 16)) }";
+    let params = if nodes.contains("$size") { ", params: { \"size\": (type: \"any\", default: (32, 16)) }" } else { "" };
+    let head = format!("pegbar: 1, frames: (first: 1, last: 4, fps: 24){params}");
     std::fs::write(folder.join("g.ron"), format!("Graph({head}, nodes: {{\n{nodes}\n}})\n")).unwrap();
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     let (graph, out, cache) = (path("g.ron"), path("out"), path("cache"));
@@ -37,26 +38,26 @@ fn column(csv: &[String], name: &str) -> Vec<String> {
 fn what_is_common_runs_once_and_every_variant_has_its_files() {
     let folder = tempfile::tempdir().unwrap();
     let registry = crate::tests::registry();
-    let (code, err, csv) = wedge(folder.path(), &registry, NUMBERS, &["--set", "a.gain=1..2", "--set", "b.gain=1.0,3.0"]);
+    let (code, err, csv) = wedge(folder.path(), &registry, NUMBERS, &["--set", "a.gain=3..10x7", "--set", "b.gain=5.0,7.0"]);
     assert_eq!((code, csv.len()), (0, 5), "{err}");
     assert_eq!(
         (column(&csv, "a.gain"), column(&csv, "b.gain")),
-        (["1", "1", "2", "2"].map(str::to_owned).to_vec(), ["1.0", "3.0", "1.0", "3.0"].map(str::to_owned).to_vec())
+        (["3", "3", "10", "10"].map(str::to_owned).to_vec(), ["5.0", "7.0", "5.0", "7.0"].map(str::to_owned).to_vec())
     );
     // Four frames of five nodes; then `c` is there and `f` not looked at; then, with another gain of `a`, `c` again.
     assert_eq!(column(&csv, "tasks"), ["20", "8", "12", "8"].map(str::to_owned));
-    assert_eq!(column(&csv, "b.value max"), ["8", "24", "16", "48"].map(str::to_owned));
-    assert_eq!(column(&csv, "b.value mean"), ["5", "15", "10", "30"].map(str::to_owned));
+    assert_eq!(column(&csv, "b.value max"), ["120", "168", "400", "560"].map(str::to_owned));
+    assert_eq!(column(&csv, "b.value mean"), ["75", "105", "250", "350"].map(str::to_owned));
     assert!(!csv[0].contains("c.value"), "what is the same in all is not compared");
     let read = |name: &str| std::fs::read_to_string(folder.path().join("out").join(name)).unwrap();
     assert_eq!(
-        (read("wedge_a.gain=1,b.gain=3.0/n.02.txt"), read("wedge_a.gain=2,b.gain=3.0/n.04.txt")),
-        ("12\n".to_owned(), "48\n".to_owned())
+        (read("wedge_a.gain=3,b.gain=7.0/n.02.txt"), read("wedge_a.gain=10,b.gain=7.0/n.04.txt")),
+        ("84\n".to_owned(), "560\n".to_owned())
     );
-    assert!(err.contains("1/4  a.gain=1, b.gain=1.0: 20 tasks ran, 0 from the cache, "), "{err}");
-    let (code, _, again) = wedge(folder.path(), &registry, NUMBERS, &["--set", "a.gain=1..2", "--set", "b.gain=1.0,3.0", "--zip"]);
-    assert_eq!((code, column(&again, "tasks")), (0, ["4", "4"].map(str::to_owned).to_vec()), "other folders, nothing else");
-    assert_eq!(column(&again, "b.value max"), ["8", "48"].map(str::to_owned), "numbers are read back");
+    assert!(err.contains("1/4  a.gain=3, b.gain=5.0: 20 tasks ran, 0 from the cache, "), "{err}");
+    let (code, _, again) = wedge(folder.path(), &registry, NUMBERS, &["--set", "a.gain=3..10x7", "--set", "b.gain=5.0,7.0", "--zip"]);
+    assert_eq!((code, column(&again, "tasks")), (0, ["0", "0"].map(str::to_owned).to_vec()), "all of it is there");
+    assert_eq!(column(&again, "b.value max"), ["120", "560"].map(str::to_owned), "numbers are read back");
 }
 
 #[test]
@@ -66,7 +67,7 @@ fn a_variant_that_fails_says_so_and_stops_no_other() {
     assert_eq!(code, 1, "{err}");
     let states = column(&csv, "state");
     assert!(csv[1].contains("failed: node `a` failed at frames 2-4: expected an early frame"), "{}", csv[1]);
-    assert!(csv[2].contains("failed: expected") && csv[2].contains("99"), "out of range: {}", csv[2]);
+    assert!(csv[2].contains("expected from 0 to 10, found 99"), "out of range: {}", csv[2]);
     assert_eq!((states[2].as_str(), err.ends_with("failed: 3 of 4 variants\n")), ("done", true), "{err}");
     let (code, err, _) = wedge(folder.path(), &crate::tests::registry(), NUMBERS, &["--set", "x.gain=1,2"]);
     assert!(code == 2 && err.contains("PB0152"), "{err}");
