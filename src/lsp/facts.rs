@@ -145,10 +145,11 @@ fn shortened(text: &str) -> String {
 }
 
 /// The fields of a graph, each with what a completion writes behind the colon.
-pub(super) const GRAPH_FIELDS: [(&str, &str, &str); 8] = [
+pub(super) const GRAPH_FIELDS: [(&str, &str, &str); 9] = [
     ("pegbar", "Version of the graph format.", "1"),
     ("doc", "What the graph does, for people.", "\"$1\""),
     ("version", "Version of this graph, for those who use it: `graph:this.ron@1.4`.", "\"${1:1.0.0}\""),
+    ("plugins", "Plugins with further node types, by the paths of their manifests or folders.", "[\"$1\"]"),
     (
         "frames",
         "The default clock: its first and last frame, and how many there are a second.",

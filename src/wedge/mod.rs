@@ -31,6 +31,9 @@ use share::Kinships;
 /// Pixels of a picture on the sheet, in wedges of few variants and of many.
 const SIZES: [(usize, [usize; 2]); 3] = [(24, [320, 320]), (150, [200, 200]), (usize::MAX, [110, 110])];
 
+/// Numbers of a variant that are told on the terminal; the table has all.
+const MOST_TOLD: usize = 4;
+
 /// What came of a variant.
 struct Ran {
     /// Why it is not whole.
@@ -118,7 +121,7 @@ impl<'a> Wedge<'a> {
             }
         };
         let named = self.args.show.as_deref().or(self.args.only.as_deref());
-        let port = picture(graph, named);
+        let port = picture(graph, named, |port| self.kinships.shared_by(index, port.node) < self.sound());
         let numbers = self.numbers(index, graph);
         let probe = Probe::new(port, self.args.at.as_ref(), self.size, numbers.clone());
         let target =
@@ -141,9 +144,13 @@ impl<'a> Wedge<'a> {
     fn numbers(&self, index: usize, graph: &Graph) -> Vec<Port> {
         let all =
             (0..graph.nodes.len()).flat_map(|node| (0..graph.nodes[node].output_types.len()).map(move |output| Port { node, output }));
-        let sound = self.loaded.iter().filter(|l| l.graph.is_some()).count();
-        let own = |port: &Port| self.kinships.shared_by(index, port.node) < sound;
+        let own = |port: &Port| self.kinships.shared_by(index, port.node) < self.sound();
         all.filter(|port| is_number(graph, *port) && own(port)).collect()
+    }
+
+    /// Variants whose graph is right.
+    fn sound(&self) -> usize {
+        self.loaded.iter().filter(|l| l.graph.is_some()).count()
     }
 
     fn line(&self, index: usize, ran: &Ran) -> String {
@@ -159,7 +166,7 @@ impl<'a> Wedge<'a> {
         let out = &self.args.graph.out;
         let (csv, png) = (out.join("wedge.csv"), out.join("wedge.png"));
         let lines = self.table(rows);
-        console.say(&format!("\n{}\n", table(&lines)));
+        console.say(&format!("\n{}\n", table(&self.told(&lines))));
         let mut wrong = written(
             &csv,
             atomic::write(&csv, |out| lines.iter().try_for_each(|line| writeln!(out, "{}", row(line)))).map_err(|e| e.to_string()),
@@ -205,6 +212,12 @@ impl<'a> Wedge<'a> {
             picks.chain(fixed).chain(numbers).chain([variant.folder.clone()]).collect()
         };
         std::iter::once(head.collect()).chain(self.variants.iter().zip(rows).map(line)).collect()
+    }
+
+    /// The table as far as a terminal has room: the first few numbers.
+    fn told(&self, lines: &[Vec<String>]) -> Vec<Vec<String>> {
+        let kept = self.axes.iter().filter(|a| a.is_varied()).count() + 4 + MOST_TOLD;
+        lines.iter().map(|line| line.iter().take(kept.min(line.len() - 1)).map(|cell| cell.chars().take(60).collect()).collect()).collect()
     }
 
     fn sheet(&self, path: &Path, rows: &[Ran]) -> Result<(), String> {
@@ -277,8 +290,9 @@ fn options(args: &WedgeArgs, axes: &[Axis], variant: &Variant) -> LoadOptions {
     LoadOptions { out: args.graph.out.join(&variant.folder), variables: of(true), overrides: of(false), ..args.graph.load_options() }
 }
 
-/// The output that the sheet shows: the one that is named, else the first picture that the graph declares, else the first that is written.
-fn picture(graph: &Graph, named: Option<&str>) -> Option<Port> {
+/// The output that the sheet shows: the one that is named, else the first picture that the graph declares, else the first that is written; of these one
+/// that differs, where there is one.
+fn picture(graph: &Graph, named: Option<&str>, differs: impl Fn(&Port) -> bool) -> Option<Port> {
     let is_picture = |port: &Port| graph.nodes[port.node].output_types.get(port.output).is_some_and(|ty| is_picture(ty));
     if let Some(name) = named {
         let declared = graph.outputs.iter().find(|(n, _)| n == name).map(|(_, port)| *port);
@@ -293,7 +307,8 @@ fn picture(graph: &Graph, named: Option<&str>) -> Option<Port> {
     }
     let written = graph.nodes.iter().filter(|n| n.written_paths().next().is_some()).flat_map(|n| &n.inputs);
     let written = written.filter_map(|binding| if let Binding::Wire(port) = binding { Some(*port) } else { None });
-    graph.outputs.iter().map(|(_, port)| *port).chain(written).find(is_picture)
+    let all: Vec<Port> = graph.outputs.iter().map(|(_, port)| *port).chain(written).filter(is_picture).collect();
+    all.iter().find(|port| differs(port)).or(all.first()).copied()
 }
 
 /// The file in the middle of those that a sink writes of an output.

@@ -54,8 +54,9 @@ impl Sheet {
 
     /// A line of text in a box of `width` by [`LINE`].
     fn text(&mut self, [x, y]: [usize; 2], width: usize, text: &str, ink: [f32; 3]) {
-        // The first line of an outline lies above the origin, so that the text is made the second, and the box begins within the first.
-        let outline = text_outline(&format!("\n{text}"), TEXT, TEXT / 7.0);
+        // The first line of an outline lies above the origin, and pens are wider than their lines: so the text is made the second line, behind a blank.
+        let outline = text_outline(&format!("\n {text}"), TEXT, TEXT / 7.0);
+        let x = x.saturating_sub(5);
         let rows = LINE + 4;
         for (i, cover) in coverage(&outline, FillRule::NonZero, width, rows).into_iter().enumerate() {
             let (column, row) = (x + i % width, y + i / width);

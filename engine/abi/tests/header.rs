@@ -80,7 +80,7 @@ fn structure(item: &syn::ItemStruct) -> String {
             (Type::Ptr(_), "data") if item.ident == "PbText" => "const char *data".to_owned(),
             (ty, name) => declare(ty, name),
         };
-        write!(out, "{}    {declared};\n", doc(&field.attrs, "    ")).unwrap();
+        writeln!(out, "{}    {declared};", doc(&field.attrs, "    ")).unwrap();
     }
     out + "};\n"
 }

@@ -107,10 +107,9 @@ impl<T: Element, const D: usize> Buffer<T, D> {
     pub fn zeroed(shape: [usize; D]) -> Option<Self> {
         let len = product(&shape)?;
         let block = ALLOCATE.with_borrow(|a| *a).and_then(|allocate| allocate(T::DTYPE, len));
-        let fits = |block: &Box<dyn Block>| bytemuck::try_cast_slice::<u8, T>(block.bytes()).is_ok_and(|s| s.len() == len);
-        let store = match block.filter(fits) {
-            Some(block) => Store::Block(block),
-            None => Store::Own(bytemuck::allocation::try_zeroed_vec(len).ok()?),
+        let store = match block {
+            Some(block) if bytemuck::try_cast_slice::<u8, T>(block.bytes()).is_ok_and(|s| s.len() == len) => Store::Block(block),
+            _ => Store::Own(bytemuck::allocation::try_zeroed_vec(len).ok()?),
         };
         Some(Self { shape, store })
     }

@@ -124,7 +124,7 @@ fn the_rest_of_a_graph_is_completed_too() {
     let mut client = shown();
     let mut offered = |text: &str| labels(&completions(&mut client, text)).join(" ");
     assert_eq!(offered("|"), "Graph");
-    assert_eq!(offered("Graph(pegbar: 1, nodes: {}, |)"), "doc version frames clocks params outputs");
+    assert_eq!(offered("Graph(pegbar: 1, nodes: {}, |)"), "doc version plugins frames clocks params outputs");
     assert_eq!(offered("Graph(frames: (first: 1, |))"), "last fps");
     assert_eq!(offered("Graph(clocks: {\"a\": (|)})"), "first last fps");
     assert_eq!(offered("Graph(params: {\"last\": (type: \"whole\")}, frames: (first: 1, last: \"$|\"))"), "$last");
