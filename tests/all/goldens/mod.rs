@@ -32,7 +32,8 @@ type Values = BTreeMap<(String, i64), ValueRef>;
 fn graphs() -> Vec<String> {
     let all = ["graphs", "examples"].iter().flat_map(|folder| files_below(folder, ".ron"));
     // Layers of shows lie among them.
-    let is_graph = |file: &String| !golden::is_golden(Path::new(file)) && !std::fs::read_to_string(root().join(file)).unwrap().contains("\nLayer(");
+    let is_graph =
+        |file: &String| !golden::is_golden(Path::new(file)) && !std::fs::read_to_string(root().join(file)).unwrap().contains("\nLayer(");
     all.filter(is_graph).collect()
 }
 
