@@ -31,7 +31,7 @@ enum Shape {
 fn node(i: usize, shape: Shape) -> String {
     let (a, b) = ((i - 1) / 2, i - 1);
     let ty = match (shape, i % 3) {
-        (Shape::Broken, _) if i % 10 == 0 => format!("(type: \"comp.over\", fg: \"@m{a}\", bg: \"@n{b}\")"),
+        (Shape::Broken, _) if i.is_multiple_of(10) => format!("(type: \"comp.over\", fg: \"@m{a}\", bg: \"@n{b}\")"),
         (_, 0) => format!("(type: \"comp.over\", fg: \"@n{a}\", bg: \"@n{b}\", opacity: 0.5)"),
         (_, 1) => format!("(type: \"image.blur\", image: \"@n{b}\", size: (2.0, 3.0), kernel: box, outside: clamp)"),
         (_, _) => format!("(type: \"comp.merge\", fg: \"@n{a}\", bg: \"@n{b}\", operation: plus)"),

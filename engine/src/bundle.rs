@@ -147,6 +147,9 @@ struct Record {
     folders: Vec<(String, String)>,
     /// The output folder of the run, for a node that writes.
     out: Option<String>,
+    /// What the files that it writes say of their making.
+    #[serde(default)]
+    origin: Option<String>,
     /// Of each file beside this one, by name.
     digests: BTreeMap<String, String>,
 }

@@ -52,7 +52,8 @@ pub struct Done {
 /// # Errors
 /// Where it is none, with line and column.
 pub fn read(text: &str) -> Result<Vec<Migration>, String> {
-    ron::from_str(text).map_err(|e| e.to_string())
+    let options = ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
+    options.from_str(text).map_err(|e| e.to_string())
 }
 
 /// A graph after all migrations that concern it, and what was done. Everything else, unknown nodes among it, stays byte for byte. A second time changes

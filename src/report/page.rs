@@ -236,9 +236,9 @@ impl<'a> Page<'a> {
             } else {
                 String::new()
             };
-            let _ = write!(
+            let _ = writeln!(
                 out,
-                "<tr><td>{}</td><td class=\"soft\">{}</td><td class=\"soft\">{}</td>{}{}{}{}<td>{bar}</td>{}{}</tr>\n",
+                "<tr><td>{}</td><td class=\"soft\">{}</td><td class=\"soft\">{}</td>{}{}{}{}<td>{bar}</td>{}{}</tr>",
                 self.link(node, &spec.name),
                 spec.ty.schema.id,
                 escape(&rate(spec)),

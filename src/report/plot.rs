@@ -130,7 +130,7 @@ pub(crate) fn path(pairs: &[[f64; 2]], x_label: &str, y_label: &str) -> String {
     }
     let _ = write!(out, "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>", side / 2.0, side - 8.0, escape(x_label));
     let points: Vec<[f64; 2]> = pairs.iter().map(|[x, y]| [across(*x), up(*y)]).collect();
-    let _ = write!(out, "{}</svg><figcaption>{}</figcaption></figure>\n", line(&points, 0, ""), escape(y_label));
+    let _ = writeln!(out, "{}</svg><figcaption>{}</figcaption></figure>", line(&points, 0, ""), escape(y_label));
     out
 }
 

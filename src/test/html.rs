@@ -89,9 +89,9 @@ fn pictures(shown: &Shown) -> String {
     let mut out = format!("<h3>{} at frame {}</h3>\n", escaped(&shown.output), shown.frame);
     let actual = img(&shown.actual, "actual");
     let Some(expected) = &shown.expected else {
-        let _ = write!(
+        let _ = writeln!(
             out,
-            "<div class=\"review alone\">{}</div>\n",
+            "<div class=\"review alone\">{}</div>",
             figure("actual", "actual; there is no picture to hold it against", &actual)
         );
         return out;

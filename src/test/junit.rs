@@ -66,9 +66,9 @@ pub(super) fn junit(results: &[CaseResult]) -> String {
         let (failed, wrong, time) = (count("failure"), count("error"), result.time.as_secs_f64());
         let suite = format!("{}: {}", result.graph.display(), result.case);
         // Writing into a string cannot fail.
-        let _ = write!(
+        let _ = writeln!(
             suites,
-            "  <testsuite name=\"{}\" tests=\"{}\" failures=\"{failed}\" errors=\"{wrong}\" skipped=\"0\" time=\"{time:.3}\">\n",
+            "  <testsuite name=\"{}\" tests=\"{}\" failures=\"{failed}\" errors=\"{wrong}\" skipped=\"0\" time=\"{time:.3}\">",
             attribute(&suite),
             tests.len()
         );

@@ -17,7 +17,7 @@ fn a_new_show_runs_as_it_is() {
     assert!(folder.path().join("out/example/example.png").is_file());
     let png = path("out/example/example.png");
     let whence = cli(&["whence", &png]);
-    let expected = "// pegbar 0.1.0: pegbar run example.ron --shot ../sq010/sh020\n// with ../show.ron, ../sq010/sh020/shot.ron;";
+    let expected = "// pegbar 0.1.0: pegbar run example.ron --shot ../sq010/sh020\n// with ../show.ron, ../sq010/sequence.ron, ../sq010/sh020/shot.ron;";
     assert!(whence.code == 0 && whence.out.starts_with(expected), "{} {}", whence.out, whence.err);
     assert_eq!(cli(&["whence", &png, "--extract", &path("old")]).code, 0);
     assert_eq!(cli(&["diff", &path("frogs/graphs/example.ron"), &path("old/graph/example.ron")]).code, 0);

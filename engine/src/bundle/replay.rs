@@ -104,7 +104,8 @@ impl Bundle {
 
     fn run(&self, out: &Path, cancel: &Cancel) -> Result<Replayed, BundleError> {
         let schema = &self.ty.schema;
-        let place = Place { base: self.folder.clone(), out: out.to_owned(), types: self.types.clone(), origin: None };
+        let origin = self.record.origin.as_deref().map(Arc::from);
+        let place = Place { base: self.folder.clone(), out: out.to_owned(), types: self.types.clone(), origin };
         let args = schema.inputs.iter().map(|input| self.input(input, &place)).collect::<Result<Vec<Arg>, _>>()?;
         let state_type = || self.ty.operator.state_type().ok_or_else(|| self.no_record("a state, of a node that has none"));
         let state = self.record.state.as_ref().map(|saved| self.read(saved, &state_type()?)).transpose()?;

@@ -132,6 +132,7 @@ impl Saver<'_> {
             state,
             folders: std::mem::take(&mut self.folders),
             out: self.out.take(),
+            origin: spec.written_paths().find_map(|path| path.origin().map(|origin| origin.to_string())),
             digests: digests(self.folder)?,
         })
     }

@@ -206,7 +206,9 @@ impl Reader<'_> {
             let Some(tolerance) = self.value::<Tolerance>(value) else { continue };
             let wrong = match &tolerance {
                 t if t.reason.trim().is_empty() => Some("expected a reason for the tolerance, found an empty text"),
-                t if !(t.at_most >= 0.0) || t.pixels.is_some_and(|p| !(p >= 0.0)) => Some("expected a tolerance of at least 0, found less"),
+                t if [Some(t.at_most), t.pixels].iter().flatten().any(|v| v.is_nan() || *v < 0.0) => {
+                    Some("expected a tolerance of at least 0, found less")
+                }
                 t if t.metric == Metric::Bits && t.at_most > 0.0 => Some("expected no `at_most` where every bit counts, found one"),
                 _ => None,
             };

@@ -495,7 +495,9 @@ fn with_live<R>(task: *const PbTask, work: impl FnOnce(&Live) -> R) -> R {
             self.0.end();
         }
     }
-    let end = End(Live(Arc::new(RwLock::new(task))));
+    #[allow(clippy::arc_with_non_send_sync, reason = "`Live`, around it, may be sent and shared, and says why")]
+    let live = Live(Arc::new(RwLock::new(task)));
+    let end = End(live);
     work(&end.0)
 }
 

@@ -72,7 +72,7 @@ impl Item {
 
     /// In place of the word at the cursor; nothing where that is between quotes.
     pub(super) fn bare(self, cursor: &Cursor<'_>) -> Option<Self> {
-        (!cursor.word.is_quoted).then(|| Self { span: cursor.word.span, ..self })
+        (!cursor.word.is_quoted).then_some(Self { span: cursor.word.span, ..self })
     }
 
     /// In place of the text at the cursor, with such quotes as are not there.
