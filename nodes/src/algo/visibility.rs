@@ -57,7 +57,8 @@ impl DepthBuffer {
         let (area, reference) = (Area::of(&projected, camera.size), reference_of(&projected));
         let n = area.width * area.height;
         let (mut near, mut id) = (vec![f32::NEG_INFINITY; n], vec![NONE; n]);
-        Rows { origin: area.origin, width: area.width, near: &mut near, id: &mut id, reference }.draw(&projected.triangles);
+        let all: Vec<u32> = (0..projected.triangles.len() as u32).collect();
+        Rows { origin: area.origin, width: area.width, near: &mut near, id: &mut id, reference }.draw(&projected.triangles, &all);
         Self { near, reference, area }
     }
 

@@ -231,46 +231,84 @@ impl Rows<'_> {
         ((low as usize) + usize::from(low > (low as usize) as f64), high as usize)
     }
 
-    /// Draws all triangles, one sample at each pixel's centre. Cost: O(triangles + pixels that they cover).
-    pub fn draw(&mut self, triangles: &[ScreenTriangle]) {
-        draw_rows(self, triangles);
+    /// Draws those triangles of all whose numbers are given, ascending, one sample at each pixel's centre. Cost: O(numbers + pixels that they cover).
+    pub fn draw(&mut self, triangles: &[ScreenTriangle], numbers: &[u32]) {
+        draw_rows(self, triangles, numbers);
     }
 }
 
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn draw_rows(rows: &mut Rows<'_>, triangles: &[ScreenTriangle]) {
-    let (top, bottom) = (rows.origin[1] as f64, (rows.origin[1] + rows.height()) as f64);
-    for (id, triangle) in triangles.iter().enumerate() {
-        let [a, b, c] = triangle.corners.map(|c| c[1]);
-        if a.max(b).max(c) < top - 1.0 || a.min(b).min(c) > bottom + 1.0 {
-            continue;
-        }
-        if let Some(setup) = Setup::new(triangle) {
-            draw_one(rows, &setup, id as u32);
+fn draw_rows(rows: &mut Rows<'_>, triangles: &[ScreenTriangle], numbers: &[u32]) {
+    let height = rows.height();
+    for &id in numbers {
+        let [a, b, c] = triangles[id as usize].corners.map(|c| c.map(snap));
+        let range = |k: usize| [a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k])];
+        let (columns, lines) = (Rows::centres(range(0), rows.origin[0], rows.width), Rows::centres(range(1), rows.origin[1], height));
+        // Many a small triangle lies between the centres.
+        if columns.0 < columns.1
+            && lines.0 < lines.1
+            && let Some(setup) = Setup::new(&triangles[id as usize])
+        {
+            draw_one(rows, &setup, columns, lines, id);
         }
     }
 }
 
+/// Pixels that are tried at once.
+const LANES: usize = 8;
+
 #[inline(always)]
-fn draw_one(rows: &mut Rows<'_>, setup: &Setup, id: u32) {
+fn draw_one(rows: &mut Rows<'_>, setup: &Setup, (left, right): (usize, usize), (y0, y1): (usize, usize), id: u32) {
     let width = rows.width;
-    let (y0, y1) = Rows::centres(setup.rows, rows.origin[1], rows.height());
-    let (left, right) = Rows::centres(setup.columns, rows.origin[0], width);
+    // Small triangles are most: pixels beyond their columns are outside of an edge, so that a fixed number can be tried.
+    let small = right <= left + LANES && left + LANES <= width;
     for y in y0..y1 {
         let py = (y + rows.origin[1]) as f64 + 0.5;
         let (x0, x1) = if right > left + 32 { span(setup, py, rows.origin[0], left, right) } else { (left, right) };
         let px = (x0 + rows.origin[0]) as f64 + 0.5;
         let e = setup.edges.map(|[a, b, c]| a * px + b * py + c);
         let q = setup.near[0] * px + setup.near[1] * py + setup.near[2] - rows.reference;
-        let (near, ids) = (&mut rows.near[y * width..][x0..x1.max(x0)], &mut rows.id[y * width..][x0..x1.max(x0)]);
-        for (i, (near, slot)) in near.iter_mut().zip(ids).enumerate() {
-            let i = i as i32 as f64;
-            let [d, f, g] = [0, 1, 2].map(|k| e[k] + setup.edges[k][0] * i >= 0.0);
-            let value = (q + setup.near[0] * i) as f32;
-            let wins = d & f & g & (value > *near);
-            *near = if wins { value } else { *near };
-            *slot = if wins { id } else { *slot };
+        let (near, ids) = (&mut rows.near[y * width..][x0..], &mut rows.id[y * width..][x0..]);
+        if small && let (Some((near, _)), Some((ids, _))) = (near.split_first_chunk_mut(), ids.split_first_chunk_mut()) {
+            let (near, ids): (&mut [f32; LANES], &mut [u32; LANES]) = (near, ids);
+            draw_lanes(setup, e, q, id, near, ids);
+        } else {
+            let n = x1.max(x0) - x0;
+            draw_run(setup, e, q, id, &mut near[..n], &mut ids[..n]);
         }
+    }
+}
+
+/// As [`draw_run`], all at once.
+#[inline(always)]
+fn draw_lanes(setup: &Setup, e: [f64; 3], q: f64, id: u32, near: &mut [f32; LANES], ids: &mut [u32; LANES]) {
+    const STEPS: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+    let lower = |a: f64, b: f64| if a < b { a } else { b };
+    let [d, f, g] = [0, 1, 2].map(|k| STEPS.map(|i| e[k] + setup.edges[k][0] * i));
+    let mut least = [0.0; LANES];
+    for i in 0..LANES {
+        least[i] = lower(lower(d[i], f[i]), g[i]);
+    }
+    let values = STEPS.map(|i| (q + setup.near[0] * i) as f32);
+    let inside = least.map(|v| if v >= 0.0 { u32::MAX } else { 0 });
+    let (before, drawn) = (*near, *ids);
+    for i in 0..LANES {
+        let wins = (inside[i] != 0) & (values[i] > before[i]);
+        near[i] = if wins { values[i] } else { before[i] };
+        ids[i] = if wins { id } else { drawn[i] };
+    }
+}
+
+/// Tries pixels of a row, from one on where the edges' functions are `e` and the nearness `q`.
+#[inline(always)]
+fn draw_run(setup: &Setup, e: [f64; 3], q: f64, id: u32, near: &mut [f32], ids: &mut [u32]) {
+    for (i, (near, slot)) in near.iter_mut().zip(ids).enumerate() {
+        let i = i as i32 as f64;
+        let [d, f, g] = [0, 1, 2].map(|k| e[k] + setup.edges[k][0] * i >= 0.0);
+        let value = (q + setup.near[0] * i) as f32;
+        let wins = d & f & g & (value > *near);
+        *near = if wins { value } else { *near };
+        *slot = if wins { id } else { *slot };
     }
 }
 
@@ -307,20 +345,16 @@ impl Default for Close {
     }
 }
 
-/// Draws all triangles once more on those pixels of `rows` whose `slot` is not [`NONE`], with many samples. Cost: O(triangles + close pixels × layers).
-pub fn draw_close(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[ScreenTriangle]) {
-    close_rows(rows, slot, close, triangles);
+/// Draws triangles once more, as [`Rows::draw`], on those pixels of `rows` whose `slot` is not [`NONE`], with many samples. Cost: O(numbers + close
+/// pixels × layers).
+pub fn draw_close(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[ScreenTriangle], numbers: &[u32]) {
+    close_rows(rows, slot, close, triangles, numbers);
 }
 
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
-fn close_rows(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[ScreenTriangle]) {
-    let bottom = rows.origin[1] + rows.height();
-    for (id, triangle) in triangles.iter().enumerate() {
-        let [a, b, c] = triangle.corners.map(|c| c[1]);
-        if a.max(b).max(c) < rows.origin[1] as f64 - 1.0 || a.min(b).min(c) > bottom as f64 + 1.0 {
-            continue;
-        }
-        let Some(setup) = Setup::new(triangle) else { continue };
+fn close_rows(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[ScreenTriangle], numbers: &[u32]) {
+    for &id in numbers {
+        let Some(setup) = Setup::new(&triangles[id as usize]) else { continue };
         let squares = |range: [f64; 2], origin: usize, len: usize| {
             let low = (range[0] - origin as f64).max(0.0) as usize;
             (low, ((range[1] - origin as f64).max(-1.0) + 1.0).min(len as f64) as usize)
@@ -330,7 +364,7 @@ fn close_rows(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[S
         for y in y0..y1 {
             let row = &slot[y * rows.width..][x0..x1.max(x0)];
             for (i, &at) in row.iter().enumerate().filter(|(_, at)| **at != NONE) {
-                close_one(&mut close[at as usize], &setup, [x0 + i + rows.origin[0], y + rows.origin[1]], rows.reference, id as u32);
+                close_one(&mut close[at as usize], &setup, [x0 + i + rows.origin[0], y + rows.origin[1]], rows.reference, id);
             }
         }
     }

@@ -12,7 +12,8 @@ fn camera(projection: Matrix4<f64>, size: [i64; 2]) -> Camera {
 
 fn drawn(triangles: &[ScreenTriangle], origin: [usize; 2], width: usize, height: usize) -> (Vec<f32>, Vec<u32>) {
     let (mut near, mut id) = (vec![f32::NEG_INFINITY; width * height], vec![NONE; width * height]);
-    Rows { origin, width, near: &mut near, id: &mut id, reference: 0.0 }.draw(triangles);
+    let all: Vec<u32> = (0..triangles.len() as u32).collect();
+    Rows { origin, width, near: &mut near, id: &mut id, reference: 0.0 }.draw(triangles, &all);
     (near, id)
 }
 
@@ -48,7 +49,7 @@ fn triangles_around_a_point_share_all_samples_and_none_twice() {
         for i in 0..4 {
             let mut close = vec![Close::default(); 2500];
             let rows = Rows { origin: [0, 0], width: 50, near: &mut [0.0; 2500], id: &mut [0; 2500], reference: 0.0 };
-            draw_close(&rows, &slot, &mut close, &[flat([middle, rim[i], rim[(i + 1) % 4]])]);
+            draw_close(&rows, &slot, &mut close, &[flat([middle, rim[i], rim[(i + 1) % 4]])], &[0]);
             samples.iter_mut().zip(close).for_each(|(n, c)| (0..SAMPLES).for_each(|s| n[s] += u32::from(c.id[s] != NONE)));
         }
         assert!(samples.iter().flatten().all(|&n| n == 1), "round {round}");

@@ -6,7 +6,10 @@ use super::Area;
 use super::outline::{path, touched};
 use super::shade::{Shaded, Shader};
 use crate::algo::paint::{FillRule, fill_rows};
-use crate::algo::zbuffer::{Close, NONE, OFFSETS, Rows, SAMPLES, depth_of, draw_close};
+use crate::algo::zbuffer::{Close, NONE, OFFSETS, Projected, Rows, SAMPLES, depth_of, draw_close};
+
+/// Rows of a band: so few that what is looked at stays in the fastest memory.
+pub(super) const ROWS: usize = 32;
 
 /// What is the same for all bands.
 pub(super) struct Band<'a> {
@@ -15,6 +18,8 @@ pub(super) struct Band<'a> {
     pub(super) area: Area,
     pub(super) reference: f64,
     pub(super) antialias: bool,
+    /// The triangles that may touch each band and a row beside it, ascending.
+    pub(super) reaching: Vec<Vec<u32>>,
 }
 
 /// The rows of the results that a band writes; `near` is as wide as the area, the others as the picture.
@@ -26,8 +31,9 @@ pub(super) struct Out<'a> {
     pub(super) width: usize,
 }
 
-/// The rows of a band and one more at both its sides, whose colours the close looks depend on.
-struct Look {
+/// The rows of a band and one more at both its sides, whose colours the close looks depend on. A thread uses the same for all its bands.
+#[derive(Default)]
+pub(super) struct Look {
     /// First row of the picture, and how many there are.
     top: usize,
     rows: usize,
@@ -35,40 +41,59 @@ struct Look {
     above: usize,
     near: Vec<f32>,
     id: Vec<u32>,
+    /// At each pixel's centre; for close looks alone.
     colour: Vec<[f32; 3]>,
     /// Where each pixel's close look stands, or [`NONE`].
     slot: Vec<u32>,
     close: Vec<Close>,
 }
 
+impl Look {
+    /// Makes room for so many pixels, with nothing drawn.
+    fn clear(&mut self, top: usize, rows: usize, above: usize, pixels: usize) {
+        (self.top, self.rows, self.above) = (top, rows, above);
+        self.near.clear();
+        self.near.resize(pixels, f32::NEG_INFINITY);
+        self.id.clear();
+        self.id.resize(pixels, NONE);
+        self.colour.clear();
+        self.slot.clear();
+        self.close.clear();
+    }
+}
+
+/// Which triangles may touch each band of an area, a pixel more at both its sides. Cost: O(n).
+pub(super) fn reaching(projected: &Projected, area: Area) -> Vec<Vec<u32>> {
+    let bands = area.height.div_ceil(ROWS);
+    let mut out = vec![Vec::new(); bands];
+    let band = |y: f64| ((y - area.origin[1] as f64).max(0.0) as usize / ROWS).min(bands - 1);
+    for (number, triangle) in projected.triangles.iter().enumerate() {
+        let [a, b, c] = triangle.corners.map(|c| c[1]);
+        let (low, high) = (band(a.min(b).min(c) - 2.0), band(a.max(b).max(c) + 2.0));
+        out[low..=high].iter_mut().for_each(|of| of.push(number as u32));
+    }
+    out
+}
+
 impl Band<'_> {
     /// Draws the band that starts `top` rows below the area's own top.
-    pub(super) fn draw(&self, top: usize, out: Out<'_>) {
+    pub(super) fn draw(&self, look: &mut Look, top: usize, out: Out<'_>) {
         let width = self.area.width;
         let own = out.near.len() / width;
         let above = usize::from(top > 0 && self.antialias);
         let below = usize::from(top + own < self.area.height && self.antialias);
         let rows = own + above + below;
-        let n = rows * width;
-        let mut look = Look {
-            top: self.area.origin[1] + top - above,
-            rows,
-            above,
-            near: vec![f32::NEG_INFINITY; n],
-            id: vec![NONE; n],
-            colour: vec![[0.0; 3]; n],
-            slot: Vec::new(),
-            close: Vec::new(),
-        };
-        self.rows(&mut look).draw(&self.shader.projected.triangles);
-        self.colour(&mut look);
+        look.clear(self.area.origin[1] + top - above, rows, above, rows * width);
+        let numbers = &self.reaching[top / ROWS];
+        self.rows(look).draw(&self.shader.projected.triangles, numbers);
         let mut cover = Vec::new();
         if self.antialias {
-            self.look_closely(&mut look);
-            cover = self.cover(&look, own);
+            self.colour(look);
+            self.look_closely(look, numbers);
+            cover = self.cover(look, own);
         }
         out.near.copy_from_slice(&look.near[above * width..][..own * width]);
-        self.write(&look, &cover, out);
+        self.write(look, &cover, out);
     }
 
     fn rows<'b>(&self, look: &'b mut Look) -> Rows<'b> {
@@ -83,17 +108,18 @@ impl Band<'_> {
 
     /// The colour at each pixel's centre.
     fn colour(&self, look: &mut Look) {
+        look.colour.resize(look.id.len(), [0.0; 3]);
         let mut shaded: Option<Shaded> = None;
-        for (i, (&id, colour)) in look.id.iter().zip(&mut look.colour).enumerate().filter(|(_, (id, _))| **id != NONE) {
-            let (x, y) = (i % self.area.width + self.area.origin[0], i / self.area.width + look.top);
-            let ready = self.shader.prepare(id, shaded);
-            *colour = self.shader.colour(&ready, x as f64 + 0.5, y as f64 + 0.5);
-            shaded = Some(ready);
+        let rows = look.id.chunks(self.area.width).zip(look.colour.chunks_mut(self.area.width));
+        for (y, (ids, colours)) in rows.enumerate() {
+            for (x, (&id, colour)) in ids.iter().zip(colours).enumerate().filter(|(_, (id, _))| **id != NONE) {
+                *colour = self.shader.at_centre(id, [x + self.area.origin[0], y + look.top], &mut shaded);
+            }
         }
     }
 
     /// Samples the pixels where colours meet, and those at the outline.
-    fn look_closely(&self, look: &mut Look) {
+    fn look_closely(&self, look: &mut Look, numbers: &[u32]) {
         let width = self.area.width;
         let mut wanted = vec![false; look.near.len()];
         let differ = |a: usize, b: usize| {
@@ -132,7 +158,7 @@ impl Band<'_> {
         look.close = vec![Close::default(); count as usize];
         let slot = std::mem::take(&mut look.slot);
         let mut close = std::mem::take(&mut look.close);
-        draw_close(&self.rows(look), &slot, &mut close, &self.shader.projected.triangles);
+        draw_close(&self.rows(look), &slot, &mut close, &self.shader.projected.triangles, numbers);
         (look.slot, look.close) = (slot, close);
     }
 
@@ -151,47 +177,56 @@ impl Band<'_> {
     fn write(&self, look: &Look, cover: &[f32], out: Out<'_>) {
         let width = self.area.width;
         let mut shaded: Option<Shaded> = None;
-        for i in look.above * width..look.above * width + out.near.len() {
-            let (x, y) = (i % width, i / width - look.above);
-            let slot = look.slot.get(i).copied().unwrap_or(NONE);
-            let (id, near, colour) = match look.close.get(slot as usize) {
-                None => (look.id[i], look.near[i], look.colour[i]),
-                Some(close) => {
-                    let at = [x + self.area.origin[0], i / width + look.top];
-                    let (colour, ready) = self.mean(close, at, shaded.take());
-                    shaded = ready;
-                    let (id, near) = nearest(close, look.id[i], look.near[i]);
-                    (id, near, colour)
+        // The part of the triangle that was last.
+        let (mut last, mut part) = (NONE, 0.0);
+        for y in 0..out.near.len() / width {
+            let (row, place) = ((y + look.above) * width, [self.area.origin[0], y + look.above + look.top]);
+            for x in 0..width {
+                let i = row + x;
+                let slot = look.slot.get(i).copied().unwrap_or(NONE);
+                if slot == NONE && look.id[i] == NONE {
+                    continue;
                 }
-            };
-            let alpha = match cover.get(i - look.above * width) {
-                Some(&part) => part,
-                None => f32::from(u8::from(id != NONE)),
-            };
-            if id == NONE || alpha <= 0.0 {
-                continue;
+                let at = [place[0] + x, place[1]];
+                let (id, near, colour) = match look.close.get(slot as usize) {
+                    None if self.antialias => (look.id[i], look.near[i], look.colour[i]),
+                    None => (look.id[i], look.near[i], self.shader.at_centre(look.id[i], at, &mut shaded)),
+                    Some(close) => {
+                        let colour = self.mean(close, at, &mut shaded);
+                        let (id, near) = nearest(close, look.id[i], look.near[i]);
+                        (id, near, colour)
+                    }
+                };
+                let alpha = match cover.get(y * width + x) {
+                    Some(&part) => part,
+                    None => f32::from(u8::from(id != NONE)),
+                };
+                if id == NONE || alpha <= 0.0 {
+                    continue;
+                }
+                if id != last {
+                    let source = self.shader.projected.triangles[id as usize].source;
+                    (last, part) = (id, (self.shader.surface.part[source as usize] + 1) as f32);
+                }
+                let to = y * out.width + at[0];
+                let [r, g, b] = colour.map(|c| c * alpha);
+                out.image[4 * to..4 * to + 4].copy_from_slice(&[r, g, b, alpha]);
+                if near > f32::NEG_INFINITY {
+                    out.depth[to] = depth_of(f64::from(near) + self.reference, self.shader.orthographic) as f32;
+                }
+                out.id[to] = part;
             }
-            let at = y * out.width + self.area.origin[0] + x;
-            let [r, g, b] = colour.map(|c| c * alpha);
-            out.image[4 * at..4 * at + 4].copy_from_slice(&[r, g, b, alpha]);
-            let source = self.shader.projected.triangles[id as usize].source;
-            if near > f32::NEG_INFINITY {
-                out.depth[at] = depth_of(f64::from(near) + self.reference, self.shader.orthographic) as f32;
-            }
-            out.id[at] = (self.shader.surface.part[source as usize] + 1) as f32;
         }
     }
 
     /// The mean colour of the samples of a pixel that something covers; of a sliver that no sample meets, its own.
-    fn mean(&self, close: &Close, pixel: [usize; 2], mut shaded: Option<Shaded>) -> ([f32; 3], Option<Shaded>) {
+    fn mean(&self, close: &Close, pixel: [usize; 2], shaded: &mut Option<Shaded>) -> [f32; 3] {
         let [x, y] = pixel.map(|v| v as f64);
         let (mut sum, mut count) = ([0.0_f32; 3], 0.0_f32);
         let mut add = |id: u32, dx: f64, dy: f64| {
-            let ready = self.shader.prepare(id, shaded.take());
-            let colour = self.shader.colour(&ready, x + dx, y + dy);
+            let colour = self.shader.colour(self.shader.prepare(id, shaded), x + dx, y + dy);
             sum = std::array::from_fn(|k| sum[k] + colour[k]);
             count += 1.0;
-            shaded = Some(ready);
         };
         for s in (0..SAMPLES).filter(|&s| close.id[s] != NONE) {
             add(close.id[s], OFFSETS[s][0], OFFSETS[s][1]);
@@ -199,7 +234,7 @@ impl Band<'_> {
         if close.id == [NONE; SAMPLES] && close.touching != NONE {
             add(close.touching, 0.5, 0.5);
         }
-        (sum.map(|v| v / count.max(1.0)), shaded)
+        sum.map(|v| v / count.max(1.0))
     }
 }
 

@@ -261,7 +261,7 @@ pub(super) fn lay(strokes: &[Stroke], colour: [f32; 4], width: usize, image: &mu
     let height = image.len() / (4 * width);
     let rows = rows_of(height, threads);
     let jobs = image.chunks_mut(4 * rows * width).enumerate().map(|(i, part)| (i * rows, part)).collect();
-    on_threads(jobs, threads, |(top, part): (usize, &mut [f32])| {
+    on_threads(jobs, threads, |(): &mut (), (top, part): (usize, &mut [f32])| {
         let own = part.len() / (4 * width);
         let here: Vec<&Stroke> = strokes.iter().filter(|s| s.rows[1] >= top as f64 && s.rows[0] <= (top + own) as f64).collect();
         if here.is_empty() {

@@ -25,7 +25,7 @@ use super::silhouette::{Lines, chains};
 use super::surface::{Edge, Surface};
 use super::visibility::{Area, Depths, Sight, reference_of};
 use super::zbuffer::{Projected, project};
-use band::{Band, Out};
+use band::{Band, Look, Out, ROWS, reaching};
 
 /// How a surface is drawn.
 #[derive(Clone, Debug)]
@@ -108,19 +108,25 @@ fn fill(surface: &Surface, camera: &Camera, style: &Style<'_>, projected: &Proje
         orthographic: camera.is_orthographic(),
         back: camera.world_from_camera().column(2).xyz().normalize(),
     };
-    let band = Band { shader, loops: &loops, area, reference: reference_of(projected), antialias: style.antialias };
+    let band = Band {
+        shader,
+        loops: &loops,
+        area,
+        reference: reference_of(projected),
+        antialias: style.antialias,
+        reaching: reaching(projected, area),
+    };
     let mut near = vec![f32::NEG_INFINITY; area.width * area.height];
     let width = camera.size[0];
     let first = area.origin[1] * width;
     let end = first + area.height * width;
-    let rows = rows_of(area.height, style.threads);
     let jobs = near
-        .chunks_mut(rows * area.width)
-        .zip(out.image[4 * first..4 * end].chunks_mut(4 * rows * width))
-        .zip(out.depth[first..end].chunks_mut(rows * width).zip(out.id[first..end].chunks_mut(rows * width)))
+        .chunks_mut(ROWS * area.width)
+        .zip(out.image[4 * first..4 * end].chunks_mut(4 * ROWS * width))
+        .zip(out.depth[first..end].chunks_mut(ROWS * width).zip(out.id[first..end].chunks_mut(ROWS * width)))
         .enumerate();
-    let jobs = jobs.map(|(i, ((near, image), (depth, id)))| (i * rows, Out { near, image, depth, id, width })).collect();
-    on_threads(jobs, style.threads, |(top, out): (usize, Out<'_>)| band.draw(top, out));
+    let jobs = jobs.map(|(i, ((near, image), (depth, id)))| (i * ROWS, Out { near, image, depth, id, width })).collect();
+    on_threads(jobs, style.threads, |look: &mut Look, (top, out): (usize, Out<'_>)| band.draw(look, top, out));
     (near, band.reference)
 }
 
@@ -134,20 +140,22 @@ fn thread_count(threads: usize) -> usize {
     if threads == 0 { std::thread::available_parallelism().map_or(1, usize::from) } else { threads }
 }
 
-/// Does every job once, on up to `threads` threads.
-fn on_threads<J: Send>(jobs: Vec<J>, threads: usize, run: impl Fn(J) + Sync) {
+/// Does every job once, on up to `threads` threads, each of which has a state of its own.
+fn on_threads<S: Default, J: Send>(jobs: Vec<J>, threads: usize, run: impl Fn(&mut S, J) + Sync) {
     let count = thread_count(threads).min(jobs.len());
     if count < 2 {
-        return jobs.into_iter().for_each(run);
+        let mut state = S::default();
+        return jobs.into_iter().for_each(|job| run(&mut state, job));
     }
     let queue = Mutex::new(jobs.into_iter());
     let (queue, run) = (&queue, &run);
     std::thread::scope(|scope| {
         for _ in 0..count {
             scope.spawn(move || {
+                let mut state = S::default();
                 // A job that panicked leaves the queue as it was.
                 while let Some(job) = { queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next() } {
-                    run(job);
+                    run(&mut state, job);
                 }
             });
         }

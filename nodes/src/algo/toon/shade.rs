@@ -73,6 +73,8 @@ pub(super) struct Shaded {
     id: u32,
     /// The weight of each corner, not yet for perspective: a x + b y + c.
     weights: [[f64; 3]; 3],
+    /// What perspective multiplies them by.
+    lens: [f64; 3],
     normals: [Vector3<f64>; 3],
     uvs: Option<[[f64; 2]; 3]>,
     level: usize,
@@ -82,13 +84,21 @@ pub(super) struct Shaded {
 
 impl Shader<'_> {
     /// Prepares a triangle, unless it is the one that was.
-    pub(super) fn prepare(&self, id: u32, last: Option<Shaded>) -> Shaded {
-        match last {
-            Some(last) if last.id == id => last,
-            _ => self.shaded(id),
+    #[inline]
+    pub(super) fn prepare<'b>(&self, id: u32, last: &'b mut Option<Shaded>) -> &'b Shaded {
+        if last.as_ref().is_some_and(|last| last.id != id) {
+            *last = None;
         }
+        last.get_or_insert_with(|| self.shaded(id))
     }
 
+    /// The colour of a triangle at the centre of a pixel.
+    #[inline]
+    pub(super) fn at_centre(&self, id: u32, [x, y]: [usize; 2], last: &mut Option<Shaded>) -> [f32; 3] {
+        self.colour(self.prepare(id, last), x as f64 + 0.5, y as f64 + 0.5)
+    }
+
+    #[inline]
     fn shaded(&self, id: u32) -> Shaded {
         let triangle = &self.projected.triangles[id as usize];
         let source = triangle.source as usize;
@@ -102,7 +112,8 @@ impl Shader<'_> {
         let colours = vertices.map(|v| std::array::from_fn(|k| base[k] * tint(v)[k]));
         let textured = self.paint.textures.get(part).is_some_and(Option::is_some) && !self.paint.uvs.is_empty();
         let uvs = textured.then(|| vertices.map(|v| self.paint.uvs.get(v as usize).copied().unwrap_or_default()));
-        let mut shaded = Shaded { id, weights: planes(triangle), normals, uvs, level: 0, colours, part };
+        let lens = if self.orthographic { [1.0; 3] } else { triangle.near };
+        let mut shaded = Shaded { id, weights: planes(triangle), lens, normals, uvs, level: 0, colours, part };
         if triangle.piece != NONE {
             self.spread(&mut shaded, &self.projected.pieces[triangle.piece as usize]);
         }
@@ -128,10 +139,8 @@ impl Shader<'_> {
 
     /// The colour of a triangle at a place of the screen: linear, opaque.
     pub(super) fn colour(&self, shaded: &Shaded, x: f64, y: f64) -> [f32; 3] {
-        let near = self.projected.triangles[shaded.id as usize].near;
-        let lens = |i: usize| if self.orthographic { 1.0 } else { near[i] };
         // Close to its rim a triangle is sampled a little outside of it: clamped, so that nothing shoots over.
-        let w = [0, 1, 2].map(|i| (shaded.weights[i][0] * x + shaded.weights[i][1] * y + shaded.weights[i][2]).max(0.0) * lens(i));
+        let w = [0, 1, 2].map(|i| (shaded.weights[i][0] * x + shaded.weights[i][1] * y + shaded.weights[i][2]).max(0.0) * shaded.lens[i]);
         let sum = (w[0] + w[1] + w[2]).max(f64::MIN_POSITIVE);
         let w = w.map(|v| v / sum);
         let normal = shaded.normals[0] * w[0] + shaded.normals[1] * w[1] + shaded.normals[2] * w[2];
@@ -140,7 +149,8 @@ impl Shader<'_> {
             let at = [0, 1].map(|k| (0..3).map(|j| uvs[j][k] * w[j]).sum::<f64>());
             let [r, g, b, a] = texture.sample(at, shaded.level);
             // What is transparent in the texture shows the colour below; the rest is multiplied by it, as in glTF.
-            base = [r, g, b].iter().zip(base).map(|(t, c)| c * (t + 1.0 - a)).collect::<Vec<_>>().try_into().unwrap_or(base);
+            let through = [r, g, b].map(|t| t + 1.0 - a);
+            base = std::array::from_fn(|k| base[k] * through[k]);
         }
         self.light.apply(&normal, &self.back, base)
     }
