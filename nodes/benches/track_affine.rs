@@ -1,6 +1,6 @@
 //! Time a frame of the affine tracker, one thread: a textured region of a fifth of the frame's width on a moving path, grey, 640x480 and
 //! 1920x1080, with the motion of the frame before known ("ones") and not ("jump": 24 px at 640x480, found by the search). And the same frames, the
-//! same region, with a space of ten components besides ("eigen").
+//! same region, with a space of ten components besides ("eigen"), and that stopped at half size ("eigen half").
 
 use std::hint::black_box;
 
@@ -72,7 +72,7 @@ fn patterns(width: usize, height: usize) -> Vec<f64> {
 }
 
 /// The space of a region of a frame (left, top, columns, rows) and ten patterns that change it by a twentieth.
-fn space(frame: &Raster, [x, y, width, height]: [usize; 4], options: &Options) -> Option<EigenTemplate> {
+fn space(frame: &Raster, [x, y, width, height]: [usize; 4], options: &Options, how: &EigenOptions) -> Option<EigenTemplate> {
     let mean: Vec<f64> = (y..y + height).flat_map(|j| frame.row(j)[x..x + width].iter().map(|v| f64::from(*v))).collect();
     let pictures = Pictures {
         mean: &mean,
@@ -84,7 +84,7 @@ fn space(frame: &Raster, [x, y, width, height]: [usize; 4], options: &Options) -
         alpha: None,
         tone: Tone::Linear,
     };
-    EigenTemplate::new(&pictures, options, &EigenOptions::default()).ok()
+    EigenTemplate::new(&pictures, options, how).ok()
 }
 
 fn track(criterion: &mut Criterion) {
@@ -104,9 +104,17 @@ fn track(criterion: &mut Criterion) {
             group.bench_function(BenchmarkId::new(name, &size), |b| b.iter(|| template.track(black_box(rasters[1]), None, &start)));
         }
         let [x, y, side] = [c.x - h, c.y - h, 2.0 * h].map(|v| libm::round(v) as usize);
-        let Some(space) = space(&rasters[0], [x, y, side, side], &Options { cut: 2.0, ..options }) else { continue };
         let start = EigenStart { last: scene.motion(1.0), before: Some(identity()), coefficients: vec![0.0; 10] };
-        group.bench_function(BenchmarkId::new("eigen", &size), |b| b.iter(|| space.track(black_box(rasters[1]), None, &start)));
+        for (name, finest) in [("eigen", 0), ("eigen half", 1)] {
+            let how = EigenOptions { finest, ..EigenOptions::default() };
+            let Some(space) = space(&rasters[0], [x, y, side, side], &Options { cut: 2.0, ..options }, &how) else { continue };
+            if let Ok(found) = space.track(rasters[1], None, &start) {
+                let off = |p: [f64; 2]| (apply(&found.motion, p.into()) - apply(&scene.motion(2.0), p.into())).norm();
+                let corners = [[c.x - h, c.y - h], [c.x + h, c.y - h], [c.x + h, c.y + h], [c.x - h, c.y + h]];
+                println!("{name} {size}: corners off by {:.4} px at most", corners.map(off).into_iter().fold(0.0, f64::max));
+            }
+            group.bench_function(BenchmarkId::new(name, &size), |b| b.iter(|| space.track(black_box(rasters[1]), None, &start)));
+        }
     }
     group.finish();
 }

@@ -69,11 +69,13 @@ pub struct EigenOptions {
     pub pixels: usize,
     /// Most poses that are tried where a frame starts, 1 to 64.
     pub poses: usize,
+    /// The level where the work ends, 0 to 9: 0 at full size, 1 at half, and so on; the coarsest where there are fewer.
+    pub finest: usize,
 }
 
 impl Default for EigenOptions {
     fn default() -> Self {
-        Self { prior: 1.0, pixels: 8192, poses: 8 }
+        Self { prior: 1.0, pixels: 8192, poses: 8, finest: 0 }
     }
 }
 
@@ -312,7 +314,7 @@ impl EigenTemplate {
     /// status.
     pub fn track(&self, frame: Raster, matte: Option<&[f32]>, start: &EigenStart) -> Result<EigenTrack, EigenError> {
         self.check_frame(&frame, matte)?;
-        Ok(self.find(frame, matte, start, 0))
+        Ok(self.find(frame, matte, start, self.how.finest))
     }
 
     /// Finds the region in `frame` as [`Self::track`] does, but for the finest levels, where `drawn` is drawn anew in each pose. `last` is
@@ -393,7 +395,12 @@ impl EigenTemplate {
 
 fn check(p: &Pictures, options: &Options, how: &EigenOptions) -> Result<(), EigenError> {
     check_options(options)?;
-    let ranges = [("prior", how.prior, 0.0, 1e6), ("pixels", how.pixels as f64, 1024.0, 1e9), ("poses", how.poses as f64, 1.0, 64.0)];
+    let ranges = [
+        ("prior", how.prior, 0.0, 1e6),
+        ("pixels", how.pixels as f64, 1024.0, 1e9),
+        ("poses", how.poses as f64, 1.0, 64.0),
+        ("finest", how.finest as f64, 0.0, 9.0),
+    ];
     if let Some((name, found, low, high)) = ranges.into_iter().find(|(_, v, low, high)| !(low..=high).contains(&v)) {
         return Err(EigenError::Option { name, low, high, found });
     }

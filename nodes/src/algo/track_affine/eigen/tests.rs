@@ -269,6 +269,26 @@ fn without_a_matte_the_colours_do() {
 }
 
 #[test]
+fn half_size_will_do() {
+    let cast = ten();
+    let errors = [0, 1].map(|finest| {
+        let how = EigenOptions { finest, ..EigenOptions::default() };
+        let template = EigenTemplate::new(&cast.pictures(), &Options { cut: 2.0, ..Options::default() }, &how).unwrap();
+        let mut start = EigenStart::default();
+        let error = |k: usize| {
+            let (motion, pose) = dance(k);
+            let (rgb, matte) = frame(SIZE, &motion, &pose, 0.008, 100 + k as u64);
+            let track = template.track(raster(&rgb), Some(&matte), &start).unwrap();
+            let off = rms(&track.motion, &cast.shape(&track.coefficients), &motion, &pose);
+            start = EigenStart { before: (k > 0).then_some(start.last), last: track.motion, coefficients: track.coefficients };
+            off
+        };
+        together(&(0..8).map(error).collect::<Vec<_>>())
+    });
+    assert!(errors.iter().all(|e| *e < 0.6), "{errors:?}");
+}
+
+#[test]
 fn a_space_without_components_is_one_picture() {
     let picture = picture(&dance(2).1);
     let pictures = Pictures { mean: &picture, components: &[], variances: &[], examples: &[], ..ten().pictures() };
