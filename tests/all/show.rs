@@ -1,6 +1,15 @@
-//! What `pegbar new` writes: it runs as it is, in the layout that `pegbar fmt` gives.
+//! Files that come with Pegbar, and what `pegbar new` writes: in the layout that `pegbar fmt` gives, and running as they are.
 
+use crate::support::root;
 use crate::support::shot::cli;
+
+#[test]
+fn every_graph_file_is_laid_out_as_it_should_be() {
+    let paths: Vec<String> = ["graphs", "examples", "tests/golden", "src/new"].map(|f| root().join(f).display().to_string()).into();
+    let args: Vec<&str> = ["fmt", "--check"].into_iter().chain(paths.iter().map(String::as_str)).collect();
+    let ran = cli(&args);
+    assert_eq!(ran.code, 0, "lay them out by `pegbar fmt graphs examples tests/golden src/new`:\n{}{}", ran.out, ran.err);
+}
 
 #[test]
 fn a_new_show_runs_as_it_is() {

@@ -2,12 +2,15 @@
 //!
 //! Only blanks, line ends and commas at the ends of items change; every other token stays as it was written. What fits on a line stands on one,
 //! but for the document itself and its maps of records, which have a line for each item, so that a change of one item is a change of its lines alone.
+//! What does not fit has a line for each item too, but for lists of short values (numbers, points, names), which would be columns of one word.
 
 use super::lexer::TokenKind;
 use super::tree::{NodeKind, NodeRef, TokenRef, Tree};
 
 /// The most columns of a line on which several items stand.
 const WIDTH: usize = 140;
+/// The most columns of a value that shares its line with others of a list that has lines.
+const SHORT: usize = 40;
 /// How a line with an opening bracket ends.
 const OPENED: [&str; 3] = ["(\n", "[\n", "{\n"];
 /// Columns of one level.
@@ -70,9 +73,11 @@ fn is_container(node: NodeRef<'_>) -> bool {
     matches!(node.kind(), NodeKind::Struct | NodeKind::Tuple | NodeKind::List | NodeKind::Map | NodeKind::Some)
 }
 
-/// True for the value of the document, and for its maps of records.
+/// True for the value of the document, and for its maps of records; what a graph is compared by is a line where it fits.
 fn has_lines(node: NodeRef<'_>) -> bool {
-    let is_whole = |node: NodeRef<'_>| node.kind() == NodeKind::Struct && node.parent().is_some_and(|p| p.kind() == NodeKind::Document);
+    let is_golden = |node: NodeRef<'_>| node.first_token().is_some_and(|t| t.text() == "Golden");
+    let is_value = |node: NodeRef<'_>| node.parent().is_some_and(|p| p.kind() == NodeKind::Document);
+    let is_whole = |node: NodeRef<'_>| node.kind() == NodeKind::Struct && is_value(node) && !is_golden(node);
     let field = node.parent().filter(|p| node.kind() == NodeKind::Map && p.kind() == NodeKind::Field);
     let is_named = |field: NodeRef<'_>| field.name().is_some_and(|n| matches!(n.name(), "nodes" | "params"));
     let is_records = field.is_some_and(|f| is_named(f) && f.parent().is_some_and(is_whole));
@@ -229,9 +234,8 @@ impl<'t> Printer<'t> {
         let found = items(node, Some(open));
         let inner = indent + STEP;
         self.out.push('\n');
-        let is_filled = found.items.len() > 1 && found.items.iter().all(|i| is_number(i.node) && i.before.is_empty() && i.after.is_empty());
-        if is_filled {
-            self.fill(&found, inner);
+        if let Some(texts) = self.short(&found) {
+            self.fill(&texts, inner);
         } else {
             // What `Some` holds is one value, behind which RON has no comma.
             let is_bare = node.kind() == NodeKind::Some && found.items.len() == 1 && found.items.iter().all(|i| i.node.kind().is_value());
@@ -243,12 +247,18 @@ impl<'t> Printer<'t> {
         self.out.push_str(close.text());
     }
 
-    /// Numbers, as many on a line as there is room for.
-    fn fill(&mut self, found: &Items<'t>, indent: usize) {
+    /// The texts of several items that are short values and have no comments.
+    fn short(&self, found: &Items<'t>) -> Option<Vec<String>> {
+        let is_plain = found.items.len() > 1 && found.items.iter().all(|i| is_short(i.node) && i.before.is_empty() && i.after.is_empty());
+        let texts: Option<Vec<_>> = found.items.iter().map(|i| self.flat(i.node).filter(|text| text.chars().count() <= SHORT)).collect();
+        texts.filter(|_| is_plain)
+    }
+
+    /// Short values, as many on a line as there is room for.
+    fn fill(&mut self, texts: &[String], indent: usize) {
         self.indent(indent);
-        for (i, item) in found.items.iter().enumerate() {
-            let text = item.node.text();
-            if i > 0 && self.column() + text.len() + 2 > WIDTH {
+        for (i, text) in texts.iter().enumerate() {
+            if i > 0 && self.column() + text.chars().count() + 2 > WIDTH {
                 self.out.push('\n');
                 self.indent(indent);
             } else if i > 0 {
@@ -303,8 +313,10 @@ fn breaks(node: NodeRef<'_>) -> bool {
     node.descendants().any(|n| is_container(n) && n.children().next().is_some())
 }
 
-fn is_number(node: NodeRef<'_>) -> bool {
-    node.kind() == NodeKind::Number
+/// True for a value without a record, list or map in it.
+fn is_short(node: NodeRef<'_>) -> bool {
+    let is_deep = |kind| matches!(kind, NodeKind::Struct | NodeKind::List | NodeKind::Map);
+    node.kind().is_value() && !node.descendants().any(|n| is_deep(n.kind()))
 }
 
 /// True where a comma stands directly inside a tuple of one.

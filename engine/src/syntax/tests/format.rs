@@ -41,6 +41,25 @@ fn what_does_not_fit_on_a_line_has_lines() {
 }
 
 #[test]
+fn short_values_share_lines_and_records_do_not() {
+    let list = |item: &str| formatted(&format!("(a:[{}])", vec![item; 30].join(",")));
+    assert_eq!(list("(0.25,1)").lines().nth(2), Some(format!("        {}", ["(0.25, 1),"; 12].join(" ")).as_str()));
+    assert_eq!(list("\"@track.motion\"").lines().count(), 8);
+    assert_eq!(list("[1,2,3]").lines().nth(2), Some("        [1, 2, 3],"));
+    assert_eq!(list("(a:1)").lines().nth(2), Some("        (a: 1),"));
+    let long = format!("\"{}\"", "x".repeat(50));
+    assert_eq!(list(&long).lines().nth(2), Some(format!("        {long},").as_str()));
+}
+
+#[test]
+fn a_golden_is_a_line_where_it_fits() {
+    let text = "// Why.\nGolden(pegbar: 1, frames: \"1,2\", params: { \"size\": (192, 192) })\n";
+    assert_eq!(formatted(text), text);
+    assert_eq!(formatted("Golden(pegbar: 1, // the first\n)"), "Golden(\n    pegbar: 1, // the first\n)\n");
+    assert_eq!(formatted("Layer(pegbar: 1)"), "Layer(\n    pegbar: 1,\n)\n");
+}
+
+#[test]
 fn what_is_no_ron_is_left_alone() {
     assert_eq!(format(&Tree::parse("Graph(a: )")), None);
 }
