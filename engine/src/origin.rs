@@ -33,6 +33,12 @@ pub struct Origin {
     /// `--shot`, from the graph's folder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shot: Option<String>,
+    /// `--site`, from the graph's folder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<String>,
+    /// `--library`, from the graph's folder.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub library: Vec<String>,
 }
 
 /// The origin of what a graph writes, as JSON.
@@ -46,6 +52,8 @@ pub(crate) fn text(graph: &Path, sources: &SourceMap, options: &LoadOptions) -> 
         variables: options.variables.clone(),
         overrides: options.overrides.clone(),
         shot: options.shot.as_ref().map(|shot| from(&folder, shot)),
+        site: options.site.as_ref().map(|site| from(&folder, site)),
+        library: options.library.iter().map(|library| from(&folder, library)).collect(),
     };
     serde_json::to_string(&origin).ok().map(Arc::from)
 }
@@ -63,7 +71,8 @@ fn from(folder: &Path, path: &Path) -> String {
         theirs.next();
     }
     let up = ours.map(|_| Component::ParentDir);
-    up.chain(theirs).collect::<PathBuf>().to_string_lossy().replace('\\', "/")
+    let path = up.chain(theirs).collect::<PathBuf>().to_string_lossy().replace('\\', "/");
+    if path.is_empty() { ".".to_owned() } else { path }
 }
 
 #[cfg(test)]
@@ -78,6 +87,7 @@ mod tests {
             ("/show/lib/b.ron", "../lib/b.ron"),
             ("/show/graphs/x/../c.ron", "c.ron"),
             ("/d.ron", "../../d.ron"),
+            ("/show/graphs", "."),
         ] {
             assert_eq!(from(folder, Path::new(path)), expected);
         }

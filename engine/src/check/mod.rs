@@ -163,8 +163,23 @@ pub struct LoadOptions {
     pub unlocked: bool,
     /// Folder that paths in `variables` and `overrides` are held against; the working folder where empty.
     pub base: PathBuf,
+    /// Where `variables` (`$NAME`) and `overrides` (`node.input`) are written, where that is a file: messages point there.
+    pub places: BTreeMap<String, Place>,
     /// Texts that count instead of those on disk, by canonical path: graph files that are being edited.
     pub texts: BTreeMap<PathBuf, Arc<str>>,
+}
+
+/// Where a value that is set from outside is written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Name of the file.
+    pub file: String,
+    /// Its text.
+    pub text: Arc<str>,
+    /// The name that is set.
+    pub name: Span,
+    /// Its value.
+    pub value: Span,
 }
 
 /// A graph file that was read, with all that is wrong with it.
@@ -181,6 +196,10 @@ pub struct Loaded {
     pub settings: Settings,
     /// Folders in which graphs that are used were looked for, besides those of the files that use them.
     pub library: Vec<PathBuf>,
+    /// Variables that layers define, and the names and paths of their folders, with their values as RON.
+    pub variables: BTreeMap<String, String>,
+    /// The registry with the plugins that the graph names; `None` where it names none.
+    pub registry: Option<Registry>,
 }
 
 impl Loaded {
@@ -338,6 +357,8 @@ impl<'a> Checker<'a> {
             graph: graph.filter(|_| !failed),
             settings: self.settings,
             library: self.library,
+            variables: self.context.into_iter().map(|(name, given)| (name, given.text)).collect(),
+            registry: if let Cow::Owned(registry) = self.registry { Some(registry) } else { None },
         }
     }
 

@@ -36,7 +36,7 @@ impl Checker<'_> {
         }
         for (name, value) in self.options.variables.clone() {
             let Some(ty) = self.scopes[scope].params.get(&name).map(|p| p.ty.clone()) else { continue };
-            let given = self.command_line(&format!("--var {name}="), &value, matches!(ty.as_str(), "path" | "text"));
+            let given = self.from_outside(("--var", &name), &format!("${name}"), &value, matches!(ty.as_str(), "path" | "text"));
             self.used.insert(name.clone());
             set.push((Layer::CommandLine, name, Given { scope, ..given }));
         }
@@ -49,13 +49,25 @@ impl Checker<'_> {
         }
     }
 
-    /// A source of its own for something that was given from outside, so that messages can point at it. What is no RON is a text.
-    pub(super) fn command_line(&mut self, before: &str, value: &str, is_text: bool) -> Given {
+    /// Something that was given from outside, where it is written, so that messages can point at it: a source of its own for the command line.
+    /// What is no RON is a text.
+    pub(super) fn from_outside(&mut self, (flag, name): (&str, &str), key: &str, value: &str, is_text: bool) -> Given {
         let is_literal = if is_text { String::parse(value).is_ok() } else { parse_slice::<ron::Value>(value, Extensions::empty()).is_ok() };
         let value = if is_literal { value.to_owned() } else { ron::to_string(value).unwrap_or_default() };
-        let file = self.sources.add("command line", format!("{before}{value}"));
-        let at = At::new(file, Span::new(before.len(), before.len() + value.len()));
+        let at = self.written_at(key).map(|(file, _, value)| At::new(file, value)).unwrap_or_else(|| {
+            let before = format!("{flag} {name}=");
+            let file = self.sources.add("command line", format!("{before}{value}"));
+            At::new(file, Span::new(before.len(), before.len() + value.len()))
+        });
         Given { scope: 0, text: value, at, base: self.options.base.clone() }
+    }
+
+    /// Where a value that is set from outside is written, where that is a file: its name and itself.
+    fn written_at(&mut self, key: &str) -> Option<(FileId, Span, Span)> {
+        let place = self.options.places.get(key)?;
+        let known = self.sources.files().find(|f| self.sources.name(*f) == place.file && !self.sources.text(*f).is_empty());
+        let file = known.unwrap_or_else(|| self.sources.add(place.file.clone(), place.text.clone()));
+        Some((file, place.name, place.value))
     }
 
     pub(super) fn read_params(&mut self, scope: usize, field: FieldRef<'_>) {
@@ -134,7 +146,8 @@ impl Checker<'_> {
         let names: Vec<String> = variables.map(|(k, _)| k.clone()).collect();
         let params: Vec<String> = self.scopes.first().iter().flat_map(|s| s.params.keys().cloned()).collect();
         for name in names {
-            self.unknown_override("expected a parameter of the graph", &name, &params, "--var NAME=VALUE sets a parameter");
+            let help = "--var NAME=VALUE sets a parameter";
+            self.unknown_override("expected a parameter of the graph", (&name, &format!("${name}")), &params, help);
         }
         let overrides = self.options.overrides.iter().filter(|(k, _)| !self.used.contains(k));
         let names: Vec<String> = overrides.map(|(k, _)| k.clone()).collect();
@@ -144,13 +157,19 @@ impl Checker<'_> {
         };
         let known: Vec<String> = if names.is_empty() { Vec::new() } else { self.nodes.iter().flat_map(inputs).collect() };
         for name in names {
-            self.unknown_override("expected an input as node.input", &name, &known, "--set node.input=VALUE sets an input");
+            let help = "--set node.input=VALUE sets an input";
+            self.unknown_override("expected an input as node.input", (&name, &name), &known, help);
         }
     }
 
-    fn unknown_override(&mut self, expected: &str, name: &str, known: &[String], help: &str) {
-        let found = Diagnostic::new(Severity::Error, code::UNKNOWN_OVERRIDE, format!("{expected}, found `{name}`"));
-        self.push(found.did_you_mean(name, known.iter().map(String::as_str)).help(help));
+    fn unknown_override(&mut self, expected: &str, (name, key): (&str, &str), known: &[String], help: &str) {
+        let message = format!("{expected}, found `{name}`");
+        let known = known.iter().map(String::as_str);
+        let found = match self.written_at(key) {
+            Some((file, at, _)) => At::new(file, at).error(code::UNKNOWN_OVERRIDE, message).did_you_mean(name, known),
+            None => Diagnostic::new(Severity::Error, code::UNKNOWN_OVERRIDE, message).did_you_mean(name, known).help(help),
+        };
+        self.push(found);
     }
 }
 

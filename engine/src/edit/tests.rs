@@ -1,6 +1,6 @@
 //! Edits against what they must and must not change.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
 use proptest::prelude::*;
 
@@ -169,38 +169,73 @@ proptest! {
     }
 }
 
-/// Two edits of nodes that are not neighbours, each from the same beginning, put together line by line as `git merge` does.
-#[test]
-fn edits_of_different_nodes_merge() {
-    let mut kinds = BTreeMap::new();
-    for seed in 0..40_u64 {
-        let text = format(&Tree::parse(graph(12, seed))).unwrap();
-        let (one, other) = (set("n2", "y", "111"), if seed % 2 == 0 { set("n8", "z", "222") } else { unset("n8", "y") });
-        let (a, b) = (apply(&text, &one).unwrap(), apply(&text, &other).unwrap());
-        let both = apply(&a, &other).unwrap();
-        assert_eq!(merged(&text, &a, &b).as_deref(), Some(both.as_str()));
-        *kinds.entry(seed % 2).or_insert(0) += 1;
+/// The lines of `before` that an edit changes, or between which it puts some.
+fn touched(before: &str, after: &str) -> Vec<usize> {
+    let (old, new): (Vec<&str>, Vec<&str>) = (before.lines().collect(), after.lines().collect());
+    if old.len() == new.len() {
+        return (0..old.len()).filter(|&i| old[i] != new[i]).collect();
     }
-    assert_eq!(kinds.len(), 2);
+    let head = old.iter().zip(&new).take_while(|(a, b)| a == b).count();
+    let tail = old[head..].iter().rev().zip(new[head..].iter().rev()).take_while(|(a, b)| a == b).count();
+    (head.saturating_sub(1)..old.len() - tail + 1).collect()
 }
 
-/// The three-way merge of texts that each differ from `base` in one run of lines; none where the runs touch.
-fn merged(base: &str, a: &str, b: &str) -> Option<String> {
-    let lines = |text: &str| text.lines().map(str::to_owned).collect::<Vec<_>>();
-    let base = lines(base);
-    let run = |other: &str| {
-        let other = lines(other);
-        let head = base.iter().zip(&other).take_while(|(x, y)| x == y).count();
-        let tail = base[head..].iter().rev().zip(other[head..].iter().rev()).take_while(|(x, y)| x == y).count();
-        (head, base.len() - tail, other[head..other.len() - tail].to_vec())
+/// A graph with two edits of it that have at least one line between them.
+fn disjoint(seed: u64) -> Option<(String, [Edit; 2], [String; 2])> {
+    let text = format(&Tree::parse(graph(12, seed))).unwrap();
+    let mixed = seed.wrapping_mul(0xD6E8_FEB8_6659_FD93);
+    let edits = [edit(12, mixed >> 8), edit(12, mixed >> 32)];
+    let texts = [apply(&text, &edits[0]).ok()?, apply(&text, &edits[1]).ok()?];
+    let [a, b] = [touched(&text, &texts[0]), touched(&text, &texts[1])];
+    let is_apart = !a.is_empty() && !b.is_empty() && a.iter().all(|i| b.iter().all(|j| i.abs_diff(*j) > 1));
+    is_apart.then_some((text, edits, texts))
+}
+
+/// Runs git in a folder, without what whoever runs the tests has set for it; `None` where there is none.
+fn git(folder: &std::path::Path, args: &[&str]) -> Option<std::process::Output> {
+    let mut git = std::process::Command::new("git");
+    git.current_dir(folder).args(["-c", "user.name=test", "-c", "user.email=test@example.com", "-c", "core.autocrlf=false"]).args(args);
+    for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_string_lossy().starts_with("GIT_")) {
+        git.env_remove(name);
+    }
+    git.env("GIT_CONFIG_NOSYSTEM", "1").env("HOME", folder).env("XDG_CONFIG_HOME", folder).output().ok()
+}
+
+/// Pairs of random edits, a file each, on two branches that `git merge` puts together.
+#[test]
+fn edits_of_different_nodes_merge() {
+    let folder = tempfile::tempdir().unwrap();
+    if git(folder.path(), &["--version"]).is_none_or(|ran| !ran.status.success()) {
+        println!("skipped: expected `git`, found none");
+        return;
+    }
+    let pairs: Vec<_> = (0..600).filter_map(disjoint).collect();
+    let kinds: BTreeSet<_> = pairs
+        .iter()
+        .map(|(_, [one, other], _)| (std::mem::discriminant(one), std::mem::discriminant(other)))
+        .map(|kinds| format!("{kinds:?}"))
+        .collect();
+    assert!(pairs.len() >= 100 && kinds.len() >= 12, "{} pairs of {} kinds", pairs.len(), kinds.len());
+    let run = |args: &[&str]| {
+        let ran = git(folder.path(), args).unwrap();
+        let said = [ran.stdout, ran.stderr].concat();
+        assert!(ran.status.success(), "git {args:?}: {}", String::from_utf8_lossy(&said));
     };
-    let (mut first, mut second) = (run(a), run(b));
-    if first.0 > second.0 {
-        std::mem::swap(&mut first, &mut second);
+    let path = |i: usize| folder.path().join(format!("{i}.ron"));
+    let commit = |text: fn(&(String, [Edit; 2], [String; 2])) -> &str| {
+        pairs.iter().enumerate().for_each(|(i, pair)| std::fs::write(path(i), text(pair)).unwrap());
+        run(&["add", "."]);
+        run(&["commit", "-q", "-m", "graphs"]);
+    };
+    run(&["init", "-q"]);
+    commit(|(text, _, _)| text);
+    run(&["branch", "other"]);
+    commit(|(_, _, [one, _])| one);
+    run(&["checkout", "-q", "other"]);
+    commit(|(_, _, [_, other])| other);
+    run(&["merge", "-q", "-m", "both", "-"]);
+    for (i, (_, edits, [one, _])) in pairs.iter().enumerate() {
+        let merged = std::fs::read_to_string(path(i)).unwrap();
+        assert_eq!(merged, apply(one, &edits[1]).unwrap(), "{edits:?}");
     }
-    if first.1 >= second.0 {
-        return None;
-    }
-    let parts = [&base[..first.0], &first.2, &base[first.1..second.0], &second.2, &base[second.1..]].concat();
-    Some(parts.join("\n") + "\n")
 }

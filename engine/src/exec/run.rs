@@ -1,6 +1,8 @@
-//! One run of a plan: tasks that count what they wait for, threads that perform them, and what came of it.
+//! One run of a plan: tasks that count what they wait for, and threads that perform them.
 
-use std::collections::BTreeMap;
+mod count;
+mod report;
+
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
@@ -11,13 +13,15 @@ use super::gate::{Ask, Need, Pass};
 use super::layout::Layout;
 use super::memory::{Fetched, Make, Memory, Missed, SlotValues, bytes_of};
 use super::sizes::Sizes;
-use super::{Done, Failure, Given, NodeStats, Options, Report, lock};
+use super::{Done, Failure, Given, Options, Report, lock};
 use crate::array::{Shape, describe_shape};
 use crate::graph::{Binding, Graph, Port};
 use crate::node::{Access, Arg, Computed, Context, Fault, NodeError, OutValue, SequenceRef};
 use crate::plan::{Edge, Plan, Reads};
 use crate::sync::{AtomicBool, AtomicI64, AtomicU8, AtomicU32, AtomicUsize, Mutex, Ordering, Worker, scope};
 use crate::value::{AnyValue, ValueRef};
+
+pub(crate) use report::panicked;
 
 /// One frame of one node, or the one run of a node that runs once.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -144,7 +148,7 @@ impl<'a> Run<'a> {
         options: &'a Options<'a>,
         workers: &[Worker<Task>],
     ) -> Self {
-        let counted = count(graph, plan, layout);
+        let counted = count::count(graph, plan, layout);
         let memory = Memory::new(Make {
             limit: options.memory,
             slots: counted.slots,
@@ -667,124 +671,6 @@ impl<'a> Run<'a> {
             self.crew.rouse();
         }
     }
-
-    /// Ends a run in which nothing can move, and says who waits for whom.
-    fn give_up(&self) {
-        let mut lines = Vec::new();
-        for node in 0..self.graph.nodes.len() {
-            for index in (0..self.plan.nodes[node].wanted.len()).filter(|&k| self.plan.nodes[node].wanted[k]) {
-                let flags = self.flags[self.layout.task(node, index)].load(Ordering::Acquire);
-                if flags & (ADMITTED | DONE) == ADMITTED && lines.len() < 8 {
-                    lines.push(self.waits(node, index));
-                }
-            }
-        }
-        *lock(&self.stuck) = Some(lines.join("; "));
-        self.crew.stop();
-    }
-
-    fn waits(&self, node: usize, index: usize) -> String {
-        let mut open = Vec::new();
-        for edge in &self.plan.nodes[node].edges {
-            let producer = edge.port.node;
-            let base = self.layout.port(edge.port).start;
-            for slot in self.layout.reads(edge, index) {
-                let task = if self.graph.nodes[producer].runs_once() { 0 } else { slot - base };
-                let is_open = self.plan.nodes[producer].wanted[task]
-                    && self.flags[self.layout.task(producer, task)].load(Ordering::Acquire) & DONE == 0;
-                if is_open && open.len() < 4 {
-                    open.push(self.name(producer, task));
-                }
-            }
-        }
-        let whom = if open.is_empty() { "nothing that is open".to_owned() } else { open.join(", ") };
-        format!("{} waits for {whom}", self.name(node, index))
-    }
-
-    fn name(&self, node: usize, index: usize) -> String {
-        let spec = &self.graph.nodes[node];
-        if spec.runs_once() { spec.name.clone() } else { format!("{}@{}", spec.name, spec.clock.first + index as i64) }
-    }
-
-    fn report(self) -> Report {
-        let mut kept = BTreeMap::new();
-        let mut lost = self.lost.load(Ordering::Relaxed);
-        let failures = std::mem::take(&mut *lock(&self.failures));
-        for port in self.plan.keep.iter().filter(|p| !self.plan.known.contains_key(p)) {
-            let values: Vec<Option<ValueRef>> = self.layout.port(*port).map(|slot| self.memory.kept(slot)).collect();
-            let is_whole = self.unreached.load(Ordering::Relaxed) == 0 && !self.options.cancel.is_cancelled();
-            lost |= is_whole && values.iter().any(Option::is_none);
-            kept.insert(*port, values);
-        }
-        let mut report = Report {
-            // A node that stops when it is asked to takes what hangs on it along, and that may be all that was left.
-            cancelled: self.options.cancel.is_cancelled()
-                && (self.open_targets.load(Ordering::Acquire) > 0 || self.unreached.load(Ordering::Relaxed) > 0),
-            unreached: self.unreached.load(Ordering::Relaxed),
-            stats: (0..self.graph.nodes.len())
-                .map(|node| {
-                    let skipped = self.cut[node].load(Ordering::Relaxed) as u64;
-                    NodeStats { skipped, peak_bytes: self.memory.meter(node).peak(), ..self.sizes.stats(node) }
-                })
-                .collect(),
-            failures,
-            kept,
-            peak_bytes: self.memory.total().peak(),
-            counted_bytes: self.memory.gate.peak(),
-            spilled: self.memory.spilled(),
-            stuck: lock(&self.stuck).take(),
-            lost,
-            ..Report::default()
-        };
-        report.failures.sort_by_key(|f| (f.node, f.frame));
-        report
-    }
-}
-
-/// Counts what each task waits for, and how often each result will be read.
-struct Counted {
-    pending: Vec<AtomicU32>,
-    /// Readers, node, and how late it is read, of each slot.
-    slots: Vec<(u32, u32, u32)>,
-}
-
-/// Added to how late a value is read where a node that runs once reads it, or the caller keeps it.
-const LATE: u32 = 1 << 31;
-
-fn count(graph: &Graph, plan: &Plan, layout: &Layout) -> Counted {
-    let mut slots = Vec::with_capacity(layout.n_slots());
-    for node in 0..graph.nodes.len() {
-        for output in 0..layout.ports(node) {
-            slots.extend(layout.port(Port { node, output }).enumerate().map(|(k, _)| (0, node as u32, k as u32)));
-        }
-    }
-    let mut pending: Vec<u32> = vec![1; layout.n_tasks()];
-    for (node, planned) in plan.nodes.iter().enumerate() {
-        for edge in &planned.edges {
-            let producer = &plan.nodes[edge.port.node].wanted;
-            let once = graph.nodes[edge.port.node].runs_once();
-            let base = layout.port(edge.port).start;
-            for task in (0..planned.wanted.len()).filter(|&k| planned.wanted[k]) {
-                let mut waits = 0;
-                for slot in layout.reads(edge, task) {
-                    slots[slot].0 += 1;
-                    waits += u32::from(producer[if once { 0 } else { slot - base }]);
-                    if edge.by_handle {
-                        slots[slot].2 |= LATE;
-                    }
-                }
-                // A node that runs once tells a reader of its whole sequence once.
-                pending[layout.task(node, task)] += if once && matches!(edge.reads, Reads::All) { waits.min(1) } else { waits };
-            }
-        }
-    }
-    for port in plan.keep.iter().filter(|p| !plan.known.contains_key(p)) {
-        for slot in layout.port(*port) {
-            slots[slot].0 += 1;
-            slots[slot].2 |= LATE;
-        }
-    }
-    Counted { pending: pending.into_iter().map(AtomicU32::new).collect(), slots }
 }
 
 fn whole_or_one(value: ValueRef, access: Access) -> Arg {
@@ -809,11 +695,4 @@ fn first_value(arg: &Arg) -> Option<&dyn AnyValue> {
         Arg::Frames(list) => list.first().map(|(_, v)| v.as_ref()),
         _ => None,
     }
-}
-
-/// What a panic of a node comes to.
-pub(crate) fn panicked(payload: &(dyn std::any::Any + Send)) -> NodeError {
-    let text = payload.downcast_ref::<&str>().map(|s| (*s).to_owned()).or_else(|| payload.downcast_ref::<String>().cloned());
-    NodeError::internal(format!("panicked: {}", text.unwrap_or_else(|| "no message".to_owned())))
-        .help("this is a fault of the node's code: please report it with the graph and the inputs")
 }

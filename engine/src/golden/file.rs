@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
 
-use crate::check::{LoadOptions, code};
+use crate::check::{LoadOptions, Place, code};
 use crate::clock::Clock;
 use crate::diag::{Diagnostic, FileId, Label, Severity, SourceMap, Span};
 use crate::graph::Graph;
@@ -47,6 +47,8 @@ pub struct Case {
     pub params: BTreeMap<String, String>,
     /// Values of inputs, `node.input`, as RON.
     pub set: BTreeMap<String, String>,
+    /// Where these are written: `$name` and `node.input`.
+    pub places: BTreeMap<String, Place>,
     /// Folder of the shot that the graph is run for.
     pub shot: Option<PathBuf>,
     /// Layer of every show.
@@ -109,7 +111,13 @@ impl GoldenFile {
         let file = sources.add(path.display().to_string(), text);
         let tree = Tree::parse(text);
         let diagnostics = tree.errors().iter().map(|e| e.to_diagnostic(file)).collect();
-        let mut reader = Reader { file, base: path.parent().unwrap_or(Path::new("")), diagnostics };
+        let mut reader = Reader {
+            file,
+            name: path.display().to_string(),
+            text: Arc::from(text),
+            base: path.parent().unwrap_or(Path::new("")),
+            diagnostics,
+        };
         let cases = tree.value().filter(|_| tree.errors().is_empty()).map(|root| reader.golden(root)).unwrap_or_default();
         crate::diag::sort(&mut reader.diagnostics);
         Self { diagnostics: reader.diagnostics, sources, cases, file }
@@ -118,6 +126,8 @@ impl GoldenFile {
 
 struct Reader<'a> {
     file: FileId,
+    name: String,
+    text: Arc<str>,
     base: &'a Path,
     diagnostics: Vec<Diagnostic>,
 }
@@ -165,8 +175,14 @@ impl Reader<'_> {
     /// Reads what a record says of a case over what was said before.
     fn case(&mut self, record: NodeRef<'_>, case: &mut Case) {
         let field = |name: &str| record.field(name);
-        case.params.extend(self.texts(field("params")));
-        case.set.extend(self.texts(field("set")));
+        for (name, span, value) in field("params").map(|f| self.map(f)).unwrap_or_default() {
+            case.places.insert(format!("${name}"), self.place(span, value));
+            case.params.insert(name, value.text().to_owned());
+        }
+        for (name, span, value) in field("set").map(|f| self.map(f)).unwrap_or_default() {
+            case.places.insert(name.clone(), self.place(span, value));
+            case.set.insert(name, value.text().to_owned());
+        }
         for (name, into) in [("shot", &mut case.shot), ("site", &mut case.site)] {
             if let Some(path) = self.field::<String>(field(name)) {
                 *into = Some(self.base.join(path));
@@ -246,9 +262,8 @@ impl Reader<'_> {
         }
     }
 
-    fn texts(&mut self, field: Option<FieldRef<'_>>) -> Vec<(String, String)> {
-        let entries = field.map(|f| self.map(f)).unwrap_or_default();
-        entries.into_iter().map(|(name, _, value)| (name, value.text().to_owned())).collect()
+    fn place(&self, name: Span, value: NodeRef<'_>) -> Place {
+        Place { file: self.name.clone(), text: self.text.clone(), name, value: value.span() }
     }
 
     /// Entries of a map with names for keys.
@@ -305,6 +320,7 @@ impl Case {
             shot: self.shot.clone(),
             site: self.site.clone(),
             library: self.library.clone(),
+            places: self.places.clone(),
             base: base.to_owned(),
             ..LoadOptions::default()
         }

@@ -312,7 +312,8 @@ fn bits(values: &[f64]) -> Vec<u64> {
 /// Graphs that a test looks at; more where the environment asks for them.
 fn cases() -> ProptestConfig {
     let cases = std::env::var("PEGBAR_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(150);
-    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
+    // Graphs that are passed over grow with those that are looked at, about a sixth of them.
+    ProptestConfig { cases, max_global_rejects: cases.saturating_mul(4).max(1024), failure_persistence: None, ..ProptestConfig::default() }
 }
 
 proptest! {
