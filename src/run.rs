@@ -48,7 +48,8 @@ pub(crate) fn run(args: &RunArgs, registry: &Registry, console: &mut Console) ->
     }
     let how = ready.how(&args.graph.graph, &loaded.sources);
     let others = [saver.as_ref().map(observer), trace.as_ref().map(|(_, t)| observer(t)), catcher.as_ref().map(observer)];
-    let outcome = watched(args, graph, &job, others, how, console);
+    let others: Vec<&dyn Observer> = others.into_iter().flatten().collect();
+    let outcome = watched(args.progress, graph, &job, &others, how, console);
     ready.say_trouble(console);
     let code = conclude(args, &loaded, graph, &outcome, console);
     say_saved(saver, console);
@@ -90,8 +91,15 @@ fn refuse(loaded: &Loaded, wrong: Diagnostic, console: &mut Console) -> u8 {
 }
 
 /// Runs the job while another thread shows how far it is.
-fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observer>; 3], how: How, console: &mut Console) -> Outcome {
-    let style = match args.progress {
+pub(crate) fn watched(
+    progress: Progress,
+    graph: &Graph,
+    job: &Job,
+    others: &[&dyn Observer],
+    how: How,
+    console: &mut Console,
+) -> Outcome {
+    let style = match progress {
         Progress::Auto if console.is_terminal => Style::Bar,
         Progress::Auto | Progress::Plain => Style::Plain,
         Progress::Json => Style::Json,
@@ -99,7 +107,7 @@ fn watched(args: &RunArgs, graph: &Graph, job: &Job, others: [Option<&dyn Observ
     };
     let cancel = console.cancel.clone();
     let reporter = Reporter::new(graph, job, style, how.threads);
-    let observers = Observers(std::iter::once(observer(&reporter)).chain(others.into_iter().flatten()).collect());
+    let observers = Observers(std::iter::once(observer(&reporter)).chain(others.iter().copied()).collect());
     std::thread::scope(|scope| {
         let ticker = (style != Style::Silent).then(|| scope.spawn(|| reporter.tick(console)));
         let outcome = job.run(&How { cancel, observer: &observers, ..how });

@@ -1,6 +1,9 @@
 //! The command line in one process, on nodes of numbers.
 
-use std::collections::BTreeSet;
+mod author;
+mod codes;
+mod why;
+
 use std::path::Path;
 
 use clap::CommandFactory;
@@ -11,7 +14,6 @@ use pegbar_engine::setting::{ClockName, OutputPath};
 use pegbar_engine::value::{Curve, digest};
 use pegbar_engine::{Node, Outputs};
 
-use crate::codes::CODES;
 use crate::{Console, run_cli};
 
 /// One number.
@@ -182,93 +184,6 @@ fn the_values_of_a_node_are_taken_without_a_sink() {
     assert_eq!(archive.frames().unwrap(), Some(vec![2, 5]));
     let value = archive.frame(registry().get_type("Curve").unwrap(), 1, 2).unwrap();
     assert_eq!(pegbar_engine::value::downcast::<Curve>(value).unwrap().value, 10.0);
-}
-
-#[test]
-fn graphs_are_laid_out_in_one_way_and_what_is_broken_is_left_alone() {
-    let shot = Shot::new("\"f\":(type:\"test.frame\",),// a comment");
-    std::fs::write(shot.path("broken.ron"), "Graph(nodes: {").unwrap();
-    let folder = shot.0.path().to_string_lossy().into_owned();
-    let before = shot.read("g.ron");
-    let ran = cli(&["fmt", "--check", &folder]);
-    assert_eq!((ran.code, shot.plain(&ran.out).as_str()), (2, "g.ron\n"), "{}", ran.err);
-    assert!(
-        ran.err.contains("broken.ron:1:14") && ran.err.ends_with("2 files, 1 not canonical, 1 left alone because of errors\n"),
-        "{}",
-        ran.err
-    );
-    assert_eq!(shot.read("g.ron"), before);
-    assert_eq!(cli(&["fmt", &shot.path("g.ron")]).code, 0);
-    assert!(shot.read("g.ron").unwrap().contains("        \"f\": (type: \"test.frame\"), // a comment\n"));
-    assert_eq!(cli(&["fmt", "--check", &shot.path("g.ron")]).code, 0);
-    assert_eq!(shot.read("broken.ron").as_deref(), Some("Graph(nodes: {"));
-}
-
-#[test]
-fn every_layer_that_says_something_of_a_setting_is_named() {
-    let shot = Shot::new(FINE);
-    let folder = |name: &str| shot.path(name);
-    std::fs::create_dir_all(folder("show/sh")).unwrap();
-    std::fs::write(folder("show/show.ron"), "Layer(pegbar: 1, set: { \"g.gain\": 3 })").unwrap();
-    std::fs::write(folder("show/sh/shot.ron"), "Layer(\n    pegbar: 1,\n    set: { \"g.gain\": 4 },\n)").unwrap();
-    let (graph, sh) = (folder("g.ron"), folder("show/sh"));
-    let ran = cli(&["whose", &graph, "g.gain", "--shot", &sh, "--set", "g.gain=5"]);
-    let columns = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>().join(" ");
-    let said: Vec<String> = shot.plain(&ran.out).lines().map(columns).collect();
-    let expected =
-        ["g.gain", "command line 5", "shot show/sh/shot.ron:3:22 4", "show show/show.ron:1:35 3", "graph g.ron:6:49 2.0", "default 1.0"];
-    assert_eq!((ran.code, said), (0, expected.map(str::to_owned).to_vec()), "{}", ran.err);
-    let all = cli(&["whose", &graph, "--shot", &sh, "--format", "json"]);
-    let json: serde_json::Value = serde_json::from_str(&all.out).unwrap();
-    assert_eq!((json.as_array().map(Vec::len), &json[0]["settings"][0]["text"]), (Some(1), &"4".into()));
-    let wrong = cli(&["whose", &graph, "g.gian"]);
-    assert!(wrong.code == 2 && wrong.err.contains("did you mean `g.gain`?"), "{}", wrong.err);
-    assert_eq!(shot.run(&["--shot", &sh, "--frames", "2"]).code, 0);
-    assert_eq!(shot.read("out/n.02.txt").as_deref(), Some("8\n"));
-}
-
-#[test]
-fn two_graphs_are_compared_by_meaning() {
-    let (one, other) = (Shot::new(FINE), Shot::new(&FINE.replace("2.0", "3.0").replace("\"out\"", "\"written\"")));
-    let (a, b) = (one.path("g.ron"), other.path("g.ron"));
-    let ran = cli(&["diff", &a, &b]);
-    assert_eq!((ran.code, ran.out.as_str()), (1, "> nodes.out is now nodes.written\n~ nodes.g.gain: 2.0 is now 3.0\n"), "{}", ran.err);
-    cli(&["fmt", &a]);
-    assert_eq!(cli(&["diff", &a, &one.path("g.ron")]).code, 0);
-    std::fs::write(&b, "Graph(nodes: {").unwrap();
-    assert_eq!(cli(&["diff", &a, &b]).code, 2);
-}
-
-#[test]
-fn a_graph_is_edited_from_a_script() {
-    let shot = Shot::new(FINE);
-    let (graph, before) = (shot.path("g.ron"), shot.read("g.ron").unwrap());
-    assert_eq!(cli(&["edit", &graph, "--set", "g.gain=3.5", "--rename", "f=first", "--unset", "out.lies"]).code, 2);
-    assert_eq!(shot.read("g.ron").as_ref(), Some(&before), "nothing changed: `out` has no `lies`");
-    let ran = cli(&["edit", &graph, "--set", "g.gain=3.5", "--rename", "f=first"]);
-    assert_eq!((ran.code, ran.err.as_str()), (0, ""));
-    let expected = before.replace("2.0", "3.5").replace("\"f\":", "\"first\":").replace("\"@f\"", "\"@first\"");
-    assert_eq!(shot.read("g.ron"), Some(expected));
-    assert!(cli(&["edit", &graph, "--remove", "first"]).err.contains("which `g` reads"));
-}
-
-#[test]
-fn graphs_of_older_nodes_are_brought_up_to_date() {
-    let shot = Shot::new(&FINE.replace("test.gain", "test.amplify").replace("gain: 2.0", "factor: 2.0"));
-    std::fs::write(
-        shot.path("list.txt"),
-        r#"[(node: "test.amplify", to: "test.gain", inputs: {"factor": "gain"}, note: "one name for both")]"#,
-    )
-    .unwrap();
-    let (graph, list) = (shot.path("g.ron"), shot.path("list.txt"));
-    assert_eq!(cli(&["check", &graph]).code, 2);
-    assert_eq!(cli(&["upgrade", &graph]).code, 0, "nothing is known of it");
-    assert_eq!(cli(&["upgrade", &graph, "--check", "--migrations", &list]).code, 1);
-    let ran = cli(&["upgrade", &graph, "--migrations", &list]);
-    assert_eq!(shot.plain(&ran.out), "g.ron: node `g`: `factor` is now `gain`; test.amplify is now test.gain (one name for both)\n");
-    assert_eq!((ran.code, shot.run(&[]).code), (0, 0));
-    std::fs::write(&list, "[(nodes: 1)]").unwrap();
-    assert_eq!(cli(&["upgrade", &graph, "--migrations", &list]).code, 2);
 }
 
 #[test]
@@ -587,19 +502,6 @@ fn types_and_codes_are_explained_and_near_misses_are_named() {
 }
 
 #[test]
-fn every_code_of_the_engine_is_explained_once() {
-    let sources = [
-        include_str!("../engine/src/check/mod.rs"),
-        include_str!("../engine/src/syntax/mod.rs"),
-        include_str!("../engine/src/job.rs"),
-        include_str!("../engine/src/golden/mod.rs"),
-    ];
-    let used: BTreeSet<&str> = sources.iter().flat_map(|s| s.match_indices("= \"PB").filter_map(|(at, _)| s.get(at + 3..at + 9))).collect();
-    let explained: Vec<&str> = CODES.iter().map(|c| c.code).collect();
-    assert_eq!(explained, used.into_iter().collect::<Vec<_>>());
-}
-
-#[test]
 fn a_graph_is_drawn() {
     let shot = Shot::new(FINE);
     let svg = cli(&["graph", &shot.path("g.ron"), "--format", "svg"]);
@@ -679,74 +581,4 @@ fn units_are_for_people() {
     let shown = [12, 1_234, 12_345, 999_600, 12_345_678, 59_960_000, 3_600_000_000].map(|us| duration(Duration::from_micros(us)));
     assert_eq!(shown, ["12 us", "1.23 ms", "12.3 ms", "1.00 s", "12.3 s", "1 min 00 s", "1 h 00 min"]);
     assert_eq!([0, 999, 1_000, 1_500_000, 123_456_789_000].map(bytes), ["0 B", "999 B", "1.0 kB", "1.5 MB", "123 GB"]);
-}
-
-/// Leaves a record of a run in the folder `cache`.
-fn leave_record(shot: &Shot) {
-    use pegbar_engine::plan::{Known, Planned, Target, plan};
-    let path = shot.path("g.ron");
-    let options = pegbar_engine::check::LoadOptions { out: shot.path("out").into(), ..Default::default() };
-    let loaded = pegbar_engine::check::load(Path::new(&path), &registry(), &options);
-    let graph = loaded.graph.unwrap();
-    let targets: Vec<Target> = (0..graph.nodes.len()).map(|node| Target { node, frames: None }).collect();
-    let Ok(Planned::Ready(plan)) = plan(&graph, &targets, &[], Known::new()) else { panic!("no plan") };
-    let files = pegbar_engine::stamp::Files::new(None);
-    let record = pegbar_engine::record::Record::of(&graph, &loaded.sources, Some(&plan), &files).unwrap_or_else(|e| panic!("{}", e.error));
-    pegbar_engine::record::Records::of(Path::new(&shot.path("cache")), Path::new(&path)).save(&record).unwrap();
-}
-
-/// Asks why, with the dates of runs left out.
-fn ask_why(shot: &Shot, args: &[&str]) -> Ran {
-    let (graph, out, cache) = (shot.path("g.ron"), shot.path("out"), shot.path("cache"));
-    let ran = cli(&[&["why", &graph, "--out", &out, "--cache", &cache], args].concat());
-    let dateless = |text: &str| match text.split_once("the run of ") {
-        Some((before, after)) => format!("{before}DATE{}", &after[20..]),
-        None => text.to_owned(),
-    };
-    Ran { code: ran.code, out: dateless(&shot.plain(&ran.out)), err: shot.plain(&ran.err) }
-}
-
-#[test]
-fn why_names_the_first_fact_that_differs() {
-    let shot = Shot::new(FINE);
-    assert_eq!(ask_why(&shot, &["out"]).out, "out will run: no run of this graph is on record\n");
-    leave_record(&shot);
-    let ran = ask_why(&shot, &["out@3"]);
-    let nothing = "nothing that out@3 is made from has changed since DATE; there the record does not say what came of it\n";
-    assert_eq!((ran.code, ran.out.as_str(), ran.err.as_str()), (0, nothing, ""));
-    let ran = ask_why(&shot, &["out@3", "--set", "g.gain=3.0"]);
-    let expected = "out@3 will run again, for a change since DATE:\n  out reads g: g.gain was 2.0, is 3.0 at command line:1:14\n";
-    assert_eq!((ran.code, ran.out.as_str()), (0, expected), "{}", ran.err);
-    assert!(ask_why(&shot, &["@f", "--set", "g.gain=3.0"]).out.starts_with("nothing that f is made from"));
-    std::fs::write(shot.path("g.ron"), shot.read("g.ron").unwrap().replace("2.0", "4.0")).unwrap();
-    let json = ask_why(&shot, &["g", "--format", "json"]);
-    let answer: serde_json::Value = serde_json::from_str(&json.out).unwrap();
-    assert_eq!((&answer["verdict"], &answer["change"]["was"], &answer["change"]["is"]), (&"changed".into(), &"2.0".into(), &"4.0".into()));
-    assert_eq!((&answer["change"]["place"], &answer["change"]["chain"][0]), (&"g.ron:6:49".into(), &"g".into()));
-    leave_record(&shot);
-    let ran = ask_why(&shot, &["out"]);
-    assert!(ran.out.starts_with("nothing has changed since DATE, which ran out again, for a change since that of "), "{}", ran.out);
-    assert!(ran.out.ends_with(":\n  out reads g: g.gain was 2.0, is 4.0 at g.ron:6:49\n"), "{}", ran.out);
-}
-
-#[test]
-fn why_says_what_is_wrong_with_the_question() {
-    let shot = Shot::new(FINE);
-    let cases = [
-        ("ouf", "error: expected a node of the graph, found `ouf`\n  help: did you mean `out`?\n"),
-        ("g@9", "error: node `g`: expected frames 1 to 8 of the clock `frames`, asked for frame 9\n"),
-        ("g@x", "expected a frame number after `@`, found `x`"),
-    ];
-    for (node, message) in cases {
-        let ran = ask_why(&shot, &[node]);
-        assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{node}");
-        assert!(ran.err.contains(message), "{}", ran.err);
-    }
-    assert!(!Path::new(&shot.path("cache")).exists(), "nothing was made");
-    leave_record(&shot);
-    let folder = std::fs::read_dir(shot.path("cache/v1/runs")).unwrap().next().unwrap().unwrap().path();
-    std::fs::write(folder.join("0001.json"), "{").unwrap();
-    let ran = ask_why(&shot, &["g"]);
-    assert_eq!((ran.code, ran.out.as_str()), (0, "g will run: no run of this graph is on record\n"));
-    assert!(ran.err.starts_with("note: cache/v1/runs/") && ran.err.contains("0001.json: expected a record of a run"), "{}", ran.err);
 }

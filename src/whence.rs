@@ -48,9 +48,11 @@ fn describe(origin: &Origin) -> String {
     let pairs = |flag: &'static str, list: &[(String, String)]| {
         list.iter().map(|(k, v)| format!(" {flag} {}", quoted(&format!("{k}={v}")))).collect::<String>()
     };
-    let shot = origin.shot.as_ref().map(|s| format!(" --shot {}", quoted(s))).unwrap_or_default();
+    let folder = |flag: &'static str, path: &String| format!(" {flag} {}", quoted(path));
+    let layers = origin.site.iter().map(|s| folder("--site", s)).chain(origin.shot.iter().map(|s| folder("--shot", s)));
+    let layers: String = layers.chain(origin.library.iter().map(|l| folder("--library", l))).collect();
     let settings = [pairs("--var", &origin.variables), pairs("--set", &origin.overrides)].concat();
-    let mut out = format!("// pegbar {}: pegbar run {}{shot}{settings}\n", origin.pegbar, quoted(&origin.graph));
+    let mut out = format!("// pegbar {}: pegbar run {}{layers}{settings}\n", origin.pegbar, quoted(&origin.graph));
     let others = origin.files.keys().filter(|name| **name != origin.graph).map(String::as_str).collect::<Vec<_>>();
     if !others.is_empty() {
         out.push_str(&format!("// with {}; `--extract DIR` writes them\n", others.join(", ")));

@@ -100,7 +100,7 @@ impl Asked<'_, '_> {
         if let Some(path) = ty.strip_prefix("graph:") {
             return self.graph_inputs(path, &is_given, cursor);
         }
-        let Some(schema) = self.state.registry.get(ty).map(|t| t.schema.clone()) else { return };
+        let Some(schema) = self.state.registry().get(ty).map(|t| t.schema.clone()) else { return };
         for input in schema.inputs.iter().filter(|i| !is_given(i.name)) {
             let must = input.default.is_none() && !input.optional;
             let value = values::template(input);
@@ -124,7 +124,7 @@ impl Asked<'_, '_> {
         if let Some(path) = cursor.word.before.strip_prefix("graph:").filter(|_| cursor.word.is_quoted) {
             return self.graph_files(path, cursor);
         }
-        let types: Vec<_> = self.state.registry.nodes().map(|n| n.schema.clone()).collect();
+        let types: Vec<_> = self.state.registry().nodes().map(|n| n.schema.clone()).collect();
         for schema in types {
             let schema: &NodeSchema = &schema;
             let item = Item::new(schema.id, Kind::Function).detail(facts::signature(schema)).doc(facts::node(schema));
@@ -139,7 +139,7 @@ impl Asked<'_, '_> {
         for (name, doc) in facts::PARAM_TYPES {
             self.items.push(Item::new(name, Kind::Type).doc(doc).text(name).quoted(cursor));
         }
-        let types: Vec<_> = self.state.registry.types().map(|t| (t.schema.name, t.schema.doc)).collect();
+        let types: Vec<_> = self.state.registry().types().map(|t| (t.schema.name, t.schema.doc)).collect();
         for (name, doc) in types {
             self.items.push(Item::new(name, Kind::Type).doc(doc).rank(1).text(name).quoted(cursor));
         }

@@ -55,7 +55,7 @@ fn describe(state: &mut State<'_>, sheet: &Rc<Sheet>, checked: &Checked, what: &
         }
         What::ParamType(name) => {
             let plain = facts::PARAM_TYPES.iter().find(|(n, _)| n == name).map(|(_, doc)| (*doc).to_owned());
-            let doc = plain.or_else(|| state.registry.get_type(name).map(|t| t.schema.doc.trim().to_owned()))?;
+            let doc = plain.or_else(|| state.registry().get_type(name).map(|t| t.schema.doc.trim().to_owned()))?;
             Some(format!("**{name}**\n\n{doc}"))
         }
         What::Field(name) => {
@@ -85,7 +85,7 @@ fn node_text(state: &mut State<'_>, sheet: &Sheet, checked: &Checked, node: usiz
     }
     let about = match decl.graph() {
         Some(path) => state.sheet_at(sheet, path).map(|inner| inner.doc.clone()),
-        None => state.registry.get(&decl.ty).map(|t| facts::summary(t.schema.doc).to_owned()),
+        None => state.registry().get(&decl.ty).map(|t| facts::summary(t.schema.doc).to_owned()),
     };
     out.push_str(&about.map(|about| format!("\n{about}\n")).unwrap_or_default());
     out
@@ -101,7 +101,7 @@ fn port_text(state: &mut State<'_>, sheet: &Sheet, checked: &Checked, node: &str
 fn type_text(state: &mut State<'_>, sheet: &Sheet, node: &NodeDecl) -> Option<String> {
     match node.graph() {
         Some(path) => state.sheet_at(sheet, path).map(|inner| facts::graph(&inner)),
-        None => state.registry.get(&node.ty).map(|t| facts::node(&t.schema)),
+        None => state.registry().get(&node.ty).map(|t| facts::node(&t.schema)),
     }
 }
 
@@ -110,7 +110,7 @@ fn input_text(state: &mut State<'_>, sheet: &Sheet, node: usize, input: &str) ->
     match node.graph() {
         Some(path) => state.sheet_at(sheet, path)?.find_param(input).map(facts::param),
         None => {
-            let schema = state.registry.get(&node.ty)?.schema.clone();
+            let schema = state.registry().get(&node.ty)?.schema.clone();
             schema.input(input).map(|(_, i)| facts::input(i, &schema))
         }
     }
@@ -118,7 +118,7 @@ fn input_text(state: &mut State<'_>, sheet: &Sheet, node: usize, input: &str) ->
 
 /// What the word means that stands at an input.
 fn choice_text(state: &State<'_>, sheet: &Sheet, node: usize, input: &str) -> Option<String> {
-    let schema = &state.registry.get(&sheet.nodes.get(node)?.ty)?.schema;
+    let schema = &state.registry().get(&sheet.nodes.get(node)?.ty)?.schema;
     let word = sheet.value(node, input)?.text().trim_matches('"');
     let choice = schema.input(input)?.1.choices.iter().find(|c| c.name == word)?;
     Some(format!("`{}`: {}", choice.name, choice.doc))

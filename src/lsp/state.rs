@@ -68,14 +68,14 @@ pub(super) struct PortFacts {
 
 /// All that the server knows between two messages.
 pub(super) struct State<'r> {
-    pub(super) registry: &'r Registry,
+    registry: &'r Registry,
     pub(super) encoding: Encoding,
     /// The editor fills in `${1:...}`.
     pub(super) has_snippets: bool,
     /// What graphs are checked with.
     pub(super) options: LoadOptions,
-    /// Folders in which graphs are looked for, those of layers among them.
-    library: Vec<PathBuf>,
+    /// What was looked at last: its library and its plugins are those that count.
+    current: Option<Rc<Checked>>,
     documents: BTreeMap<String, Document>,
     /// Documents whose diagnostics are to be sent anew.
     pub(super) stale: BTreeSet<String>,
@@ -87,11 +87,16 @@ impl<'r> State<'r> {
             registry,
             encoding: Encoding::default(),
             has_snippets: false,
-            library: options.library.clone(),
+            current: None,
             options,
             documents: BTreeMap::new(),
             stale: BTreeSet::new(),
         }
+    }
+
+    /// What there is: with the plugins of the graph that was looked at last.
+    pub(super) fn registry(&self) -> &Registry {
+        self.current.as_ref().and_then(|c| c.loaded.registry.as_ref()).unwrap_or(self.registry)
     }
 
     pub(super) fn open(&mut self, uri: String, text: String, version: i64) {
@@ -165,7 +170,8 @@ impl<'r> State<'r> {
         let (path, _) = version::split(path);
         let is_there = |path: &PathBuf| path.is_file() || self.documents.values().any(|d| d.path == *path);
         let beside = canonical(&base.path.parent()?.join(path));
-        let in_library = || self.library.iter().map(|folder| canonical(&folder.join(path))).find(is_there);
+        let library = self.current.as_ref().map_or(&self.options.library, |c| &c.loaded.library);
+        let in_library = || library.iter().map(|folder| canonical(&folder.join(path))).find(is_there);
         if is_there(&beside) { Some(beside) } else { in_library() }
     }
 
@@ -184,12 +190,13 @@ impl<'r> State<'r> {
     pub(super) fn checked(&mut self, uri: &str) -> Option<Rc<Checked>> {
         let document = self.documents.get(uri)?;
         if let Some(checked) = &document.checked {
-            return Some(Rc::clone(checked));
+            self.current = Some(Rc::clone(checked));
+            return self.current.clone();
         }
         let texts = self.documents.values().map(|d| (d.path.clone(), Arc::clone(&d.text))).collect();
         let options = LoadOptions { texts, ..self.options.clone() };
         let checked = Rc::new(Checked::new(load_text(&document.path, &document.text, self.registry, &options)));
-        self.library.clone_from(&checked.loaded.library);
+        self.current = Some(Rc::clone(&checked));
         let document = self.documents.get_mut(uri)?;
         document.checked = Some(Rc::clone(&checked));
         Some(checked)
@@ -223,7 +230,7 @@ impl<'r> State<'r> {
     }
 
     fn plain_ports(&self, ty: &str, inferred: Option<&Inferred>) -> Vec<PortFacts> {
-        let Some(schema) = self.registry.get(ty).map(|t| &t.schema) else { return Vec::new() };
+        let Some(schema) = self.registry().get(ty).map(|t| &t.schema) else { return Vec::new() };
         let known = |name: &str| inferred.and_then(|i| i.outputs.iter().find(|o| o.name == name));
         let facts = schema.outputs.iter().map(|o| PortFacts {
             name: o.name.to_owned(),

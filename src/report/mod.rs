@@ -19,7 +19,7 @@ use pegbar_engine::atomic::{self, WriteError};
 
 pub(crate) use catch::Catcher;
 use html::escape;
-pub(crate) use html::number;
+pub(crate) use html::{base64, number};
 pub(crate) use numbers::is_numbers;
 pub(crate) use page::Facts;
 pub(crate) use picture::Thumb;

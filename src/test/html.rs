@@ -4,23 +4,10 @@ use std::fmt::Write as _;
 
 use super::case::{CaseResult, Shown, Verdict};
 use super::junit::escaped;
+use crate::report::base64;
 use crate::summary::duration;
 
 const PAGE: &str = include_str!("page.html");
-
-/// Bytes as a data URI takes them (RFC 4648).
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for three in bytes.chunks(3) {
-        let word = three.iter().enumerate().fold(0u32, |word, (i, &byte)| word | u32::from(byte) << (16 - 8 * i));
-        for i in 0..4 {
-            let letter = LETTERS[(word >> (18 - 6 * i)) as usize & 63];
-            out.push(if i <= three.len() { char::from(letter) } else { '=' });
-        }
-    }
-    out
-}
 
 /// The page of a run of tests; what failed or changed comes open, the rest closed.
 pub(super) fn page(results: &[CaseResult], subtitle: &str) -> String {

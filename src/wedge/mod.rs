@@ -15,13 +15,14 @@ use pegbar_engine::atomic;
 use pegbar_engine::check::{LoadOptions, Loaded, load};
 use pegbar_engine::exec::Policy;
 use pegbar_engine::graph::{Binding, Graph, Port};
-use pegbar_engine::job::{How, Job, Outcome, Request};
+use pegbar_engine::job::{Job, Outcome, Request};
 use pegbar_engine::registry::Registry;
 
 use crate::args::WedgeArgs;
 use crate::console::{Console, EXIT_CANCELLED, EXIT_FAILED, EXIT_OK, EXIT_WRONG, count};
 use crate::report::{Thumb, is_picture, number, thumb_of_file};
 use crate::resources::Ready;
+use crate::run::watched;
 use crate::summary::{duration, table};
 
 use axes::{Axis, Variant, label, variants};
@@ -127,17 +128,25 @@ impl<'a> Wedge<'a> {
         let target =
             self.args.only.as_deref().map(|only| only.rsplit_once('.').filter(|_| graph.find(only).is_none()).map_or(only, |o| o.0));
         let policies = self.kinships.policies(index, graph, target);
-        let outcome = self.job(&job, loaded, &probe, &policies, ready, console);
+        let outcome = self.job((&job, graph), loaded, &probe, &policies, ready, console);
         console.diagnostics(&loaded.sources, &outcome.diagnostics);
         Ran::new(graph, &outcome, probe.end(), &numbers, (port, self.size))
     }
 
-    fn job(&self, job: &Job, loaded: &Loaded, probe: &Probe, shared: &[(String, Policy)], ready: &Ready, console: &Console) -> Outcome {
+    fn job(
+        &self,
+        (job, graph): (&Job, &Graph),
+        loaded: &Loaded,
+        probe: &Probe,
+        shared: &[(String, Policy)],
+        ready: &Ready,
+        console: &mut Console,
+    ) -> Outcome {
         let policies = ready.policies_with(shared);
         // Records of variants would push those of runs out, and `pegbar why` would speak of them.
         let beside = self.args.graph.graph.with_extension("wedge.ron");
         let how = ready.how_with(&beside, &loaded.sources, &policies);
-        job.run(&How { cancel: console.cancel.clone(), observer: probe, ..how })
+        watched(self.args.progress, graph, job, &[probe], how, console)
     }
 
     /// Outputs that are one number and differ between variants.

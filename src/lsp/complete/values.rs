@@ -96,7 +96,7 @@ impl Asked<'_, '_> {
                 Expected::of_param(&ty, &self.value_types())
             }
             None => {
-                let Some(ty) = self.state.registry.get(ty) else { return };
+                let Some(ty) = self.state.registry().get(ty) else { return };
                 let Some((_, input)) = ty.schema.input(input) else { return };
                 Expected::of(input)
             }
@@ -124,7 +124,7 @@ impl Asked<'_, '_> {
     }
 
     fn value_types(&self) -> Vec<&'static str> {
-        self.state.registry.types().map(|t| t.schema.name).collect()
+        self.state.registry().types().map(|t| t.schema.name).collect()
     }
 
     fn value(&mut self, expected: &Expected, node: Option<&str>, cursor: &Cursor<'_>) {
@@ -207,6 +207,12 @@ impl Asked<'_, '_> {
             let is_fitting = expected.wire.is_some_and(|w| w == param.ty) || (expected.files != FileUse::None && param.ty == "path");
             let item = Item::new(format!("${}", param.decl.name), Kind::Variable).detail(facts::param_facts(param));
             self.items.push(item.doc(param.doc.as_str()).rank(if is_fitting { 0 } else { 2 }).ending(from, cursor));
+        }
+        let checked = std::rc::Rc::clone(&self.checked);
+        for (name, value) in checked.loaded.variables.iter().filter(|(name, _)| sheet.find_param(name).is_none()) {
+            let is_folder = expected.files != FileUse::None && name.ends_with("_dir");
+            let item = Item::new(format!("${name}"), Kind::Variable).detail(value.as_str()).doc("Of a layer.");
+            self.items.push(item.rank(if is_folder { 0 } else { 2 }).ending(from, cursor));
         }
         if expected.files != FileUse::None || expected.literal == "text" {
             let item = Item::new("$out", Kind::Variable).detail("the output folder").rank(u8::from(expected.files != FileUse::Write) * 2);

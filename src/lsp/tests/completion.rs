@@ -1,5 +1,6 @@
 //! Completion, in texts as they are while somebody types.
 
+use pegbar_engine::check::LoadOptions;
 use serde_json::{Value, json};
 
 use super::client::{edited, marked, slice};
@@ -35,6 +36,39 @@ fn record(client: &mut Client, given: &str, label: &str) -> String {
     let text = completed(client, &with_node(given), label);
     let line = text.lines().find_map(|l| l.trim().strip_prefix("\"new\": ")).unwrap();
     line.strip_suffix(',').unwrap_or(line).to_owned()
+}
+
+#[test]
+fn variables_of_layers_are_completed() {
+    let folder = tempfile::tempdir().unwrap();
+    let shot = folder.path().join("sh010");
+    let mut client = Client::with(folder, LoadOptions { shot: Some(shot), ..LoadOptions::default() });
+    client.initialize(json!({}));
+    client.write("show.ron", "Layer(pegbar: 1, variables: { \"plates\": \"$show_dir/plates\" })");
+    client.write("sh010/shot.ron", "Layer(pegbar: 1)");
+    let items = completions(&mut client, &with_node("(type: \"io.read_images\", path: \"$|\")"));
+    let found: Vec<&str> =
+        labels(&items).into_iter().filter(|l| ["$plates", "$shot", "$shot_dir", "$show", "$show_dir"].contains(l)).collect();
+    assert_eq!(found, ["$shot_dir", "$show_dir", "$plates", "$shot", "$show"]);
+    let plates = items.iter().find(|i| i["label"] == "$plates").unwrap();
+    assert_eq!(plates["detail"], "\"$show_dir/plates\"");
+}
+
+#[test]
+fn node_types_of_a_graphs_own_plugins_are_completed() {
+    let mut client = shown();
+    let library = |platform: &str| format!("\"{platform}\": (file: \"x\", digest: \"{}\")", "1".repeat(64));
+    let libraries = ["linux-x86_64", "linux-aarch64", "macos-aarch64", "macos-x86_64", "windows-x86_64"].map(library).join(", ");
+    let node = "(id: \"paint.dry\", version: 1, kind: per_frame, doc: \"Dries.\", inputs: [], outputs: [(name: \"value\", doc: \"One.\", type: \"Curve\")])";
+    let plugin = format!("plugin: (name: \"paint\", version: \"1.3.0\", doc: \"Paint.\", abi: (1, 0), nodes: [{node}])");
+    let manifest = format!("PluginManifest(libraries: {{{libraries}}}, {plugin})");
+    client.write("plugins/paint.plugin.ron", &manifest);
+    let own = |text: &str| text.replacen("pegbar: 1,", "pegbar: 1,\n    plugins: [\"plugins/paint\"],", 1);
+    let items = completions(&mut client, &own(&with_node("(type: \"paint|\")")));
+    assert!(labels(&items).contains(&"paint.dry"), "{:?}", labels(&items));
+    let items = completions(&mut client, &own(&with_node("(type: \"comp.over\", opacity: \"@new|\")")));
+    assert!(!labels(&items).is_empty());
+    assert!(!labels(&completions(&mut client, &with_node("(type: \"paint|\")"))).contains(&"paint.dry"), "of no other graph");
 }
 
 #[test]
