@@ -154,6 +154,18 @@ impl Data {
             Data::Shared(shared) => shared.dtype(),
         }
     }
+
+    /// The elements' bytes.
+    pub fn bytes(&self) -> &[u8] {
+        match self {
+            Data::F32(v) => bytemuck::cast_slice(v),
+            Data::F64(v) => bytemuck::cast_slice(v),
+            Data::I64(v) => bytemuck::cast_slice(v),
+            Data::U32(v) => bytemuck::cast_slice(v),
+            Data::U8(v) => v,
+            Data::Shared(shared) => shared.bytes(),
+        }
+    }
 }
 
 impl Array {
@@ -164,15 +176,7 @@ impl Array {
 
     /// The array as a view.
     pub fn view(&self) -> ArrayView<'_> {
-        let bytes = match &self.data {
-            Data::F32(v) => bytemuck::cast_slice(v),
-            Data::F64(v) => bytemuck::cast_slice(v),
-            Data::I64(v) => bytemuck::cast_slice(v),
-            Data::U32(v) => bytemuck::cast_slice(v),
-            Data::U8(v) => v,
-            Data::Shared(shared) => shared.bytes(),
-        };
-        ArrayView { dtype: self.dtype(), shape: Shape::new(&self.shape), bytes }
+        ArrayView { dtype: self.dtype(), shape: Shape::new(&self.shape), bytes: self.data.bytes() }
     }
 }
 
