@@ -20,6 +20,24 @@ pub(crate) struct Cli {
     /// Plugins that may be used: a manifest NAME.plugin.ron, or a folder of them; several times. PEGBAR_PLUGINS names more.
     #[arg(long, value_name = "PATH", global = true)]
     pub(crate) plugins: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) isolation: IsolationArgs,
+}
+
+/// Where plugins run.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Plugins")]
+pub(crate) struct IsolationArgs {
+    /// Name of a plugin that runs in this process; several times. Others run in processes of their own, which cannot take this one down with them, use no
+    /// network, and write to the output folder alone. What pegbar.lock names as `trusted` is trusted too.
+    #[arg(long, value_name = "NAME", global = true)]
+    pub(crate) trust: Vec<String>,
+    /// Longest time in seconds that a task of a plugin may give no sign of life, 0 for ever; 600 if left out.
+    #[arg(long, value_name = "SECONDS", global = true, value_parser = seconds)]
+    pub(crate) plugin_timeout: Option<std::time::Duration>,
+    /// Most memory for each process of a plugin, as 4GiB; half of what there is if left out.
+    #[arg(long, value_name = "SIZE", global = true, value_parser = size)]
+    pub(crate) plugin_memory: Option<u64>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -576,6 +594,12 @@ pub(crate) fn size(text: &str) -> Result<u64, String> {
         Some(bytes) if bytes < 2f64.powi(63) => Ok(bytes as u64),
         _ => Err(format!("expected a size as 500MB, 1.5GiB or 1000000, found `{text}`")),
     }
+}
+
+/// A time in seconds.
+fn seconds(text: &str) -> Result<std::time::Duration, String> {
+    let seconds = text.parse::<f64>().ok().and_then(|s| std::time::Duration::try_from_secs_f64(s).ok());
+    seconds.ok_or_else(|| format!("expected a number of seconds, found `{text}`"))
 }
 
 fn pair(text: &str) -> Result<(String, String), String> {

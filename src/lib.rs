@@ -58,8 +58,7 @@ where
         Ok(cli) => cli,
         Err(error) => return console.clap(&error),
     };
-    let runs = matches!(cli.command, args::Command::Run(_) | args::Command::Replay(_));
-    let registry = &match plugin::registry(registry, &cli.plugins, runs, console) {
+    let registry = &match plugin::registry(registry, &cli, console) {
         Ok(registry) => registry,
         Err(code) => return code,
     };
@@ -77,7 +76,7 @@ where
         args::Command::Lsp(args) => lsp::lsp(&args, registry, console),
         args::Command::Cache(command) => cache::cache(&command, console),
         args::Command::Plan(args) => plan::plan(&args, registry, console),
-        args::Command::Plugin(command) => plugin::plugin(&command, registry, console),
+        args::Command::Plugin(command) => plugin::plugin(&command, &cli.isolation.trust, registry, console),
         args::Command::Why(args) => why::why(&args, registry, console),
         args::Command::New(command) => new::new(&command, console),
         args::Command::Edit(args) => edit::edit(&args, console),

@@ -14,6 +14,7 @@ const PATIENCE: Duration = Duration::from_millis(25);
 static POOL: pegbar::Pool = pegbar::Pool;
 
 fn main() -> ExitCode {
+    pegbar_engine::plugin::serve_if_asked();
     let cancel = Cancel::default();
     let handle = cancel.clone();
     // Without the handler Ctrl-C still ends the process, so a failure to set it is no reason not to run.

@@ -123,6 +123,11 @@ fn give_back(most: usize) {
 }
 
 fn free(address: usize, size: usize) {
+    #[cfg(target_os = "linux")]
+    // SAFETY: every block that comes here is nobody's now.
+    if unsafe { pegbar_engine::plugin::arena::free(address as *mut u8, size) } {
+        return;
+    }
     if let Ok(layout) = Layout::from_size_align(size, 4096) {
         // SAFETY: every block that is kept was allocated by `System` with this size and alignment, and is nobody's now.
         unsafe { System.dealloc(address as *mut u8, layout) };
@@ -148,7 +153,7 @@ unsafe impl GlobalAlloc for Pool {
         match found {
             Some(address) => address as *mut u8,
             // SAFETY: the size is not nought.
-            None => unsafe { System.alloc(layout) },
+            None => fresh(layout, |layout| unsafe { System.alloc(layout) }),
         }
     }
 
@@ -163,9 +168,12 @@ unsafe impl GlobalAlloc for Pool {
             }
         }
         count(layout.size() as i64);
-        let layout = if is_large(layout) { system(layout) } else { layout };
-        // SAFETY: the caller's promise is handed on; a rounded size is not nought.
-        unsafe { System.alloc_zeroed(layout) }
+        if !is_large(layout) {
+            // SAFETY: the caller's promise is handed on.
+            return unsafe { System.alloc_zeroed(layout) };
+        }
+        // SAFETY: a rounded size is not nought.
+        fresh(system(layout), |layout| unsafe { System.alloc_zeroed(layout) })
     }
 
     unsafe fn dealloc(&self, address: *mut u8, layout: Layout) {
@@ -188,20 +196,53 @@ unsafe impl GlobalAlloc for Pool {
         let Ok(new) = Layout::from_size_align(new_size, layout.align()) else { return std::ptr::null_mut() };
         if is_large(layout) == is_large(new) {
             let (old, size) = if is_large(layout) { (system(layout), system(new).size()) } else { (layout, new_size) };
-            // SAFETY: the block was allocated with this layout.
-            return unsafe { System.realloc(address, old, size) };
+            if !is_shared(address, old.size()) {
+                // SAFETY: the block was allocated with this layout.
+                return unsafe { System.realloc(address, old, size) };
+            }
         }
         count(layout.size() as i64 - new_size as i64);
+        // SAFETY: the caller's promise is handed on.
+        unsafe { self.moved(address, layout, new) }
+    }
+}
+
+impl Pool {
+    /// The block's content in another.
+    ///
+    /// # Safety
+    /// As of `realloc`.
+    unsafe fn moved(&self, address: *mut u8, layout: Layout, new: Layout) -> *mut u8 {
         // SAFETY: both layouts are sound, and the two blocks are two.
         unsafe {
             let moved = self.alloc(new);
             if !moved.is_null() {
-                std::ptr::copy_nonoverlapping(address, moved, layout.size().min(new_size));
+                std::ptr::copy_nonoverlapping(address, moved, layout.size().min(new.size()));
                 self.dealloc(address, layout);
             }
             moved
         }
     }
+}
+
+/// A large block that nobody had: where plugins have processes of their own it lies where they can see it, and holds noughts.
+fn fresh(layout: Layout, otherwise: impl FnOnce(Layout) -> *mut u8) -> *mut u8 {
+    #[cfg(target_os = "linux")]
+    {
+        let shared = pegbar_engine::plugin::arena::allocate(layout.size());
+        if !shared.is_null() {
+            return shared;
+        }
+    }
+    otherwise(layout)
+}
+
+/// True for a block that processes of plugins can see.
+fn is_shared(address: *mut u8, size: usize) -> bool {
+    #[cfg(target_os = "linux")]
+    return pegbar_engine::plugin::arena::offset(address, size).is_some();
+    #[cfg(not(target_os = "linux"))]
+    false
 }
 
 impl Kept {

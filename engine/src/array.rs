@@ -142,30 +142,41 @@ pub enum Data {
     Shared(Shared),
 }
 
-impl Array {
+impl Data {
     /// Element type.
     pub fn dtype(&self) -> DType {
-        match self.data {
+        match self {
             Data::F32(_) => DType::F32,
             Data::F64(_) => DType::F64,
             Data::I64(_) => DType::I64,
             Data::U32(_) => DType::U32,
             Data::U8(_) => DType::U8,
-            Data::Shared(ref shared) => shared.dtype(),
+            Data::Shared(shared) => shared.dtype(),
         }
     }
 
-    /// The array as a view.
-    pub fn view(&self) -> ArrayView<'_> {
-        let bytes = match &self.data {
+    /// The elements' bytes.
+    pub fn bytes(&self) -> &[u8] {
+        match self {
             Data::F32(v) => bytemuck::cast_slice(v),
             Data::F64(v) => bytemuck::cast_slice(v),
             Data::I64(v) => bytemuck::cast_slice(v),
             Data::U32(v) => bytemuck::cast_slice(v),
             Data::U8(v) => v,
             Data::Shared(shared) => shared.bytes(),
-        };
-        ArrayView { dtype: self.dtype(), shape: Shape::new(&self.shape), bytes }
+        }
+    }
+}
+
+impl Array {
+    /// Element type.
+    pub fn dtype(&self) -> DType {
+        self.data.dtype()
+    }
+
+    /// The array as a view.
+    pub fn view(&self) -> ArrayView<'_> {
+        ArrayView { dtype: self.dtype(), shape: Shape::new(&self.shape), bytes: self.data.bytes() }
     }
 }
 
@@ -281,12 +292,22 @@ impl<T, const D: usize> NdArray<T, D> {
     }
 }
 
-fn typed<T: Element>(array: Array, rank: usize, tail: &[usize], expected: &str) -> Result<(Vec<usize>, Vec<T>), ArrayError> {
-    let found = describe(array.dtype(), &array.shape);
-    let fits = array.shape.len() == rank && array.shape.ends_with(tail);
-    match T::from_data(array.data) {
-        Some(data) if fits && data.len() == array.shape.iter().product::<usize>() => Ok((array.shape, data)),
-        _ => Err(ArrayError { expected: expected.to_owned(), found }),
+/// The shape and elements of an array; `expected` is asked for where they are others, as this is done for every value that is put together.
+fn typed<T: Element>(
+    array: Array,
+    rank: usize,
+    tail: &[usize],
+    expected: impl FnOnce() -> String,
+) -> Result<(Vec<usize>, Vec<T>), ArrayError> {
+    let Array { shape, data } = array;
+    let fits = shape.len() == rank && shape.ends_with(tail) && data.dtype() == T::DTYPE;
+    let refused = |dtype| ArrayError { expected: expected(), found: describe(dtype, &shape) };
+    if !fits {
+        return Err(refused(data.dtype()));
+    }
+    match T::from_data(data) {
+        Some(data) if data.len() == shape.iter().product::<usize>() => Ok((shape, data)),
+        _ => Err(refused(T::DTYPE)),
     }
 }
 
@@ -299,7 +320,7 @@ impl<T: Element, const D: usize> ArrayField for NdArray<T, D> {
         bytemuck::cast_slice(&self.data)
     }
     fn from_array(array: Array) -> Result<Self, ArrayError> {
-        let (axes, data) = typed::<T>(array, D, &[], &format!("{} of {D} axes", T::DTYPE))?;
+        let (axes, data) = typed::<T>(array, D, &[], || format!("{} of {D} axes", T::DTYPE))?;
         let mut shape = [0; D];
         shape.copy_from_slice(&axes);
         Ok(Self { shape, data })
@@ -328,7 +349,7 @@ macro_rules! element {
                 bytemuck::bytes_of(self)
             }
             fn from_array(array: Array) -> Result<Self, ArrayError> {
-                let (_, data) = typed::<$t>(array, 0, &[], &format!("{} []", DType::$variant))?;
+                let (_, data) = typed::<$t>(array, 0, &[], || format!("{} []", DType::$variant))?;
                 data.first().copied().ok_or_else(|| ArrayError { expected: "one element".into(), found: "none".into() })
             }
         }
@@ -342,7 +363,7 @@ macro_rules! element {
                 bytemuck::cast_slice(self)
             }
             fn from_array(array: Array) -> Result<Self, ArrayError> {
-                Ok(typed::<$t>(array, 1, &[], &format!("{} [n]", DType::$variant))?.1)
+                Ok(typed::<$t>(array, 1, &[], || format!("{} [n]", DType::$variant))?.1)
             }
         }
 
@@ -355,7 +376,7 @@ macro_rules! element {
                 bytemuck::cast_slice(self)
             }
             fn from_array(array: Array) -> Result<Self, ArrayError> {
-                let (_, data) = typed::<$t>(array, 1, &[N], &describe(DType::$variant, &[N]))?;
+                let (_, data) = typed::<$t>(array, 1, &[N], || describe(DType::$variant, &[N]))?;
                 let mut out = [<$t as Default>::default(); N];
                 out.copy_from_slice(&data);
                 Ok(out)
@@ -371,7 +392,7 @@ macro_rules! element {
                 bytemuck::cast_slice(self.as_flattened())
             }
             fn from_array(array: Array) -> Result<Self, ArrayError> {
-                let (_, data) = typed::<$t>(array, 2, &[N], &format!("{} [n, {N}]", DType::$variant))?;
+                let (_, data) = typed::<$t>(array, 2, &[N], || format!("{} [n, {N}]", DType::$variant))?;
                 Ok(data.as_chunks::<N>().0.to_vec())
             }
         }
@@ -385,7 +406,7 @@ macro_rules! element {
                 bytemuck::cast_slice(self.as_flattened())
             }
             fn from_array(array: Array) -> Result<Self, ArrayError> {
-                let (_, data) = typed::<$t>(array, 2, &[M, N], &describe(DType::$variant, &[M, N]))?;
+                let (_, data) = typed::<$t>(array, 2, &[M, N], || describe(DType::$variant, &[M, N]))?;
                 let mut out = [[<$t as Default>::default(); N]; M];
                 out.as_flattened_mut().copy_from_slice(&data);
                 Ok(out)

@@ -2,8 +2,9 @@
 //!
 //! [`Manifest`] is what the host knows of a plugin before it runs: listing, checking and drawing read it alone. `operator` makes an
 //! [`Operator`](crate::node::Operator) of a node type in it: each task becomes a `Request`, which says everything that the plugin is told, goes through a
-//! `Transport`, and comes back as a `Response`, which is held against the schema and becomes values. The one transport is `library`: calls in this
-//! process. It loads the library when the first task asks for it, and never before its digest, ABI and schema are those of the manifest.
+//! `Transport`, and comes back as a `Response`, which is held against the schema and becomes values. There are two transports: `library` calls in this
+//! process, and `worker` in others, which do so there. A library is loaded when the first task asks for it, and never before its digest, ABI and schema
+//! are those of the manifest.
 
 mod call;
 mod dynamic;
@@ -14,6 +15,7 @@ mod manifest;
 mod operator;
 mod settings;
 mod suite;
+mod worker;
 
 use std::path::Path;
 
@@ -24,6 +26,9 @@ pub use manifest::{
     ArrayText, Description, ENDING, InputText, LibraryFile, Manifest, NodeText, OutputText, PortType, TextText, Threads, TypeText, platform,
 };
 pub use settings::SettingData;
+#[cfg(target_os = "linux")]
+pub use worker::arena;
+pub use worker::{Isolation, Workers, own_program, serve_if_asked};
 
 use crate::node::{Fault, NodeError};
 

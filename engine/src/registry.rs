@@ -6,6 +6,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 
 use crate::node::{Node, NodeSchema, Operator, PerFrame, PerFrameOperator, PluginId, Recurrent, RecurrentOperator, Whole, WholeOperator};
+use crate::plugin::Isolation;
 use crate::value::{Curve, TimeMap, Value, ValueType, Vector};
 
 /// A node type as the registry keeps it.
@@ -42,6 +43,7 @@ pub struct Registry {
     versions: BTreeMap<&'static str, Vec<NodeType>>,
     types: Types,
     is_closed: bool,
+    isolation: Isolation,
 }
 
 impl Registry {
@@ -55,6 +57,26 @@ impl Registry {
     pub fn without_code(mut self) -> Self {
         self.is_closed = true;
         self
+    }
+
+    /// The registry whose plugins, those that are added from here on, run there.
+    #[must_use]
+    pub fn with_isolation(mut self, isolation: Isolation) -> Self {
+        self.isolation = isolation;
+        self
+    }
+
+    /// Has plugins of these names, those that are added from here on, run in this process.
+    pub fn trust(&mut self, names: impl IntoIterator<Item = String>) {
+        if let Some(mut workers) = self.isolation.workers() {
+            workers.trusted.extend(names);
+            self.isolation = Isolation::Workers(Box::new(workers));
+        }
+    }
+
+    /// Where its plugins run.
+    pub fn isolation(&self) -> &Isolation {
+        &self.isolation
     }
 
     /// True where code of plugins may run.

@@ -90,7 +90,8 @@ pub(super) const PLUGIN_EXAMPLES: &str = "Examples:
   pegbar nodes --plugins plugins                      lists the node types of plugins too
   pegbar run shot.ron --plugins plugins               runs a graph with them
 
-A graph may name its plugins itself: plugins: [\"../plugins/grain\"].";
+A graph may name its plugins itself: plugins: [\"../plugins/grain\"].
+Plugins run in processes of their own. `pegbar plugin lock shot.ron --trust grain` has `grain` run in that of every run of shot.ron.";
 pub(super) const PLAN_EXAMPLES: &str = "Examples:
   pegbar plan hat.ron                    what `pegbar run hat.ron` would do now
   pegbar plan hat.ron --memory 1GiB      whether it fits, and which node takes most

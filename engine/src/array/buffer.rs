@@ -199,17 +199,15 @@ impl<T: Element, const D: usize> ArrayField for Buffer<T, D> {
         }
     }
     fn from_array(array: Array) -> Result<Self, ArrayError> {
-        let refused = ArrayError { expected: format!("{} of {D} axes", T::DTYPE), found: describe(array.dtype(), &array.shape) };
-        let Ok(shape) = <[usize; D]>::try_from(array.shape.as_slice()) else { return Err(refused) };
+        let found = (array.dtype(), Shape::new(&array.shape));
+        let refused = || ArrayError { expected: format!("{} of {D} axes", T::DTYPE), found: describe(found.0, &found.1) };
+        let shape = <[usize; D]>::try_from(array.shape.as_slice()).map_err(|_| refused())?;
         let store = match array.data {
             Data::Shared(shared) if shared.dtype() == T::DTYPE => Store::Shared(shared),
-            data => match T::from_data(data) {
-                Some(data) => Store::Own(data),
-                None => return Err(refused),
-            },
+            data => Store::Own(T::from_data(data).ok_or_else(refused)?),
         };
         let buffer = Self { shape, store };
-        if product(&shape) == Some(buffer.len()) { Ok(buffer) } else { Err(refused) }
+        if product(&shape) == Some(buffer.len()) { Ok(buffer) } else { Err(refused()) }
     }
 }
 

@@ -16,7 +16,12 @@ impl Checker<'_> {
             return;
         }
         match Lock::read(graph.parent().unwrap_or(Path::new(""))) {
-            Ok(lock) => self.lock = lock,
+            Ok(lock) => {
+                if let Some(trusted) = lock.as_ref().map(|lock| &lock.trusted).filter(|trusted| !trusted.is_empty()) {
+                    self.registry.to_mut().trust(trusted.iter().cloned());
+                }
+                self.lock = lock;
+            }
             Err(error) => self.push(diagnostic(code::PLUGIN_LOCK, error, None)),
         }
     }

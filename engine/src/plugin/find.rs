@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use super::PluginError;
+use super::call::Transport;
 use super::dynamic::{dynamic_type, mismatch};
 use super::library::InProcess;
 use super::manifest::{Description, ENDING, Manifest};
@@ -107,9 +108,22 @@ impl Found {
     }
 }
 
+/// In workers, unless the plugin is trusted, no code runs, or there can be none.
+fn transport(found: &Found, registry: &Registry) -> Box<dyn Transport> {
+    let (manifest, folder) = (found.manifest.clone(), found.folder().to_owned());
+    #[cfg(target_os = "linux")]
+    {
+        let workers = registry.isolation().workers().filter(|w| registry.runs_code() && !w.trusted.contains(&manifest.plugin.name));
+        if let Some(isolated) = workers.and_then(|w| super::worker::Isolated::new(manifest.clone(), folder.clone(), w)) {
+            return Box::new(isolated);
+        }
+    }
+    Box::new(InProcess::new(manifest, folder, registry.runs_code()))
+}
+
 fn nodes(description: &Description, found: &Found, registry: &Registry, id: PluginId) -> Result<Vec<NodeType>, String> {
     let types: BTreeMap<_, _> = registry.types().map(|ty| (ty.schema.name, ty.clone())).collect();
-    let transport = Box::new(InProcess::new(found.manifest.clone(), found.folder().to_owned(), registry.runs_code()));
+    let transport = transport(found, registry);
     let plugin = Arc::new(Plugin { id, description: description.clone(), types, transport });
     let node = |(i, text): (usize, &super::manifest::NodeText)| {
         let schema = Arc::new(text.schema()?);

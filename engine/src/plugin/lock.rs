@@ -1,6 +1,6 @@
 //! `pegbar.lock`: which library of each plugin a graph was made with.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -17,6 +17,9 @@ pub const LOCK: &str = "pegbar.lock";
 pub struct Lock {
     /// By name, then by version, then by platform.
     pub plugins: BTreeMap<String, BTreeMap<String, BTreeMap<String, String>>>,
+    /// Names of those that run in the host's process rather than in their own.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub trusted: BTreeSet<String>,
 }
 
 impl Lock {

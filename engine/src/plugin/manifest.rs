@@ -175,6 +175,9 @@ pub struct OutputText {
     /// True for one value a frame out of a node that runs once.
     #[serde(default, skip_serializing_if = "is_false")]
     pub stream: bool,
+    /// True where no number in its arrays may be NaN or infinite, which the host sees to.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub finite: bool,
 }
 
 /// A value type.

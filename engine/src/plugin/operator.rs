@@ -8,6 +8,7 @@ use pegbar_abi::PB_STATE;
 use super::call::{Feed, Made, MadeOf, Port, Request, Response, Settings, Transport};
 use super::manifest::{Description, NodeText};
 use super::settings::SettingData;
+use crate::array::DType;
 use crate::node::{Arg, Computed, Context, Fault, InputType, Kind, Needs, NodeError, NodeSchema, Operator, OutValue, PluginId, Problem};
 use crate::setting::Setting;
 use crate::value::{ValueRef, ValueType};
@@ -127,7 +128,11 @@ impl PluginOperator {
             let ty = schema.ty.and_then(|ty| self.plugin.types.get(ty));
             let mut one = |index: u64| {
                 let at = || if schema.stream { format!(" at frame {}", cx.clock.first + index as i64) } else { String::new() };
-                self.value(take(p as u32, index), ty).map_err(|why| self.broken(format!("output `{}`{}: {why}", schema.name, at())))
+                let value = self.value(take(p as u32, index), ty);
+                let is_finite = self.text().outputs.get(p).is_some_and(|o| o.finite);
+                value
+                    .and_then(|value| if is_finite { finite(value) } else { Ok(value) })
+                    .map_err(|why| self.broken(format!("output `{}`{}: {why}", schema.name, at())))
             };
             outputs.push(if schema.stream {
                 OutValue::Stream((0..cx.clock.len() as u64).map(one).collect::<Result<_, _>>()?)
@@ -200,6 +205,21 @@ impl PluginOperator {
         frames.dedup();
         Some(frames)
     }
+}
+
+/// The value, where all of its numbers are finite.
+fn finite(value: ValueRef) -> Result<ValueRef, String> {
+    for (name, view) in value.parts().arrays {
+        let strange = match view.dtype {
+            DType::F32 => bytemuck::cast_slice::<_, f32>(view.bytes).iter().position(|n| !n.is_finite()),
+            DType::F64 => bytemuck::cast_slice::<_, f64>(view.bytes).iter().position(|n| !n.is_finite()),
+            DType::I64 | DType::U32 | DType::U8 => None,
+        };
+        if let Some(at) = strange {
+            return Err(format!("array `{name}`: expected finite numbers, found {} as number {at}", view.numbers()[at]));
+        }
+    }
+    Ok(value)
 }
 
 impl Operator for PluginOperator {

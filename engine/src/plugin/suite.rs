@@ -1,7 +1,7 @@
 //! The host's side of the border: what a plugin may call, and the rows of structs that it is shown.
 #![allow(unsafe_code, reason = "the C ABI of plugins; each block says what it relies on")]
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use pegbar_abi::{
     PB_ABI_MAJOR, PB_ABI_MINOR, PB_CANCELLED, PB_F32, PB_F64, PB_FAILED, PB_FAULT_INPUT, PB_FAULT_IO, PB_FAULT_LIMIT, PB_FAULT_NUMERIC,
@@ -83,20 +83,55 @@ fn dtype_code(dtype: DType) -> u32 {
     }
 }
 
-/// Memory of `count` noughts; `None` where the type is none, or there is not that much.
-fn zeroed(dtype: u32, count: u64) -> Option<Data> {
+/// What a process does that serves another: its outputs lie there, and what is said is said there.
+pub(super) trait Outside: Sync {
+    /// True where so many bytes lie in this process rather than there.
+    fn lies_here(&self, bytes: usize) -> bool;
+    /// Memory of noughts and where it begins; `None` where it is refused.
+    fn block(&self, dtype: DType, count: usize) -> Option<(Data, *mut u8)>;
+    /// Something for the log.
+    fn log(&self, level: u32, message: &str);
+    /// A sign of life.
+    fn progress(&self, done: f64);
+}
+
+static OUTSIDE: OnceLock<&'static dyn Outside> = OnceLock::new();
+
+/// Has this process serve another.
+pub(super) fn stand_outside(outside: &'static dyn Outside) {
+    OUTSIDE.get_or_init(|| outside);
+}
+
+/// Memory of `count` noughts and where it begins; `None` where the type is none, or there is not that much.
+fn zeroed(dtype: u32, count: u64) -> Option<(Data, *mut u8)> {
     let count = usize::try_from(count).ok()?;
-    Some(match dtype {
-        PB_F32 => Data::F32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        PB_F64 => Data::F64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        PB_I64 => Data::I64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        PB_U32 => Data::U32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        PB_U8 => Data::U8(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+    let ty = dtype_of(dtype)?;
+    if let Some(outside) = OUTSIDE.get().filter(|outside| !outside.lies_here(count.saturating_mul(ty.size()))) {
+        return outside.block(ty, count);
+    }
+    let mut data = match ty {
+        DType::F32 => Data::F32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        DType::F64 => Data::F64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        DType::I64 => Data::I64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        DType::U32 => Data::U32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+        DType::U8 => Data::U8(bytemuck::allocation::try_zeroed_vec(count).ok()?),
+    };
+    let start = elements(&mut data);
+    Some((data, start))
+}
+
+fn dtype_of(code: u32) -> Option<DType> {
+    Some(match code {
+        PB_F32 => DType::F32,
+        PB_F64 => DType::F64,
+        PB_I64 => DType::I64,
+        PB_U32 => DType::U32,
+        PB_U8 => DType::U8,
         _ => return None,
     })
 }
 
-fn elements(data: &mut Data) -> (*mut u8, u64) {
+fn elements(data: &mut Data) -> *mut u8 {
     let bytes = match data {
         Data::F32(v) => bytemuck::cast_slice_mut(v),
         Data::F64(v) => bytemuck::cast_slice_mut(v),
@@ -105,7 +140,7 @@ fn elements(data: &mut Data) -> (*mut u8, u64) {
         Data::U8(v) => v,
         Data::Shared(_) => &mut [],
     };
-    (bytes.as_mut_ptr(), bytes.len() as u64)
+    bytes.as_mut_ptr()
 }
 
 /// A block and the memory that it shows. The plugin sees the first field.
@@ -116,8 +151,8 @@ struct Owned {
 }
 
 unsafe extern "C" fn alloc(dtype: u32, count: u64) -> *mut PbBlock {
-    let Some(mut data) = zeroed(dtype, count) else { return std::ptr::null_mut() };
-    let (start, bytes) = elements(&mut data);
+    let Some((data, start)) = zeroed(dtype, count) else { return std::ptr::null_mut() };
+    let bytes = data.bytes().len() as u64;
     let seen = PbBlock { struct_size: size::<PbBlock>(), dtype, data: start, bytes };
     Box::into_raw(Box::new(Owned { seen, data })).cast()
 }
@@ -288,23 +323,22 @@ impl<'a> Call<'a> {
         Ok(Response { made: made.collect(), needs: answer.needs, previous: answer.previous })
     }
 
-    fn put(&self, output: u32, index: u64, name: String, shape: Option<Vec<usize>>, data: Option<Data>) -> Result<*mut u8, String> {
+    fn put(&self, output: u32, index: u64, name: String, shape: Option<Vec<usize>>, data: Option<Data>) -> Result<(), String> {
         let data = data.ok_or_else(|| format!("array `{name}`: expected memory for it, found none"))?;
         let shape = shape.ok_or_else(|| format!("array `{name}`: expected at most {PB_MAX_RANK} axes that fit into memory"))?;
-        let mut array = Array { shape, data };
+        let array = Array { shape, data };
         let (needs, has) = (array.shape.iter().try_fold(array.dtype().size(), |n, &d| n.checked_mul(d)), array.view().bytes.len());
         if needs != Some(has) {
             let described = crate::array::describe(array.dtype(), &array.shape);
             return Err(format!("array `{name}`: expected {described}, found {has} bytes"));
         }
-        let start = elements(&mut array.data).0;
         let mut answer = self.answer();
         let making = answer.making(output, index);
         if making.passed.is_some() || making.arrays.iter().any(|(n, _, _)| *n == name) {
             return Err(format!("array `{name}` of output {output}: expected it once, found it put out twice"));
         }
         making.arrays.push((name, array.shape, array.data));
-        Ok(start)
+        Ok(())
     }
 }
 
@@ -430,7 +464,7 @@ unsafe extern "C" fn put(
 ) -> u32 {
     // SAFETY: the plugin hands over the task that it was shown, a text, `rank` extents, and a block of its own.
     let (call, name, shape, data) = unsafe { (call(task), read_text(name), read_shape(rank, shape), take(block)) };
-    call.map_or(PB_FAILED, |call| status(call, call.put(output, index, name, shape, data).map(drop)))
+    call.map_or(PB_FAILED, |call| status(call, call.put(output, index, name, shape, data)))
 }
 
 unsafe extern "C" fn array(
@@ -446,11 +480,15 @@ unsafe extern "C" fn array(
     let (call, name, shape) = unsafe { (call(task), read_text(name), read_shape(rank, shape)) };
     let Some(call) = call else { return std::ptr::null_mut() };
     let count = shape.as_ref().and_then(|s| s.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)));
-    let data = count.and_then(|count| zeroed(dtype, count));
-    call.put(output, index, name, shape, data).unwrap_or_else(|why| {
-        call.refuse(why);
-        std::ptr::null_mut()
-    })
+    let (data, start) = count.and_then(|count| zeroed(dtype, count)).unzip();
+    match (call.put(output, index, name, shape, data), start) {
+        (Ok(()), Some(start)) => start,
+        (Ok(()), None) => std::ptr::null_mut(),
+        (Err(why), _) => {
+            call.refuse(why);
+            std::ptr::null_mut()
+        }
+    }
 }
 
 unsafe extern "C" fn meta(task: *const PbTask, output: u32, index: u64, json: PbText) -> u32 {
@@ -490,13 +528,26 @@ unsafe extern "C" fn is_cancelled(task: *const PbTask) -> u32 {
     u32::from(unsafe { call(task) }.is_some_and(|call| call.request.cancel.is_cancelled()))
 }
 
-unsafe extern "C" fn progress(_task: *const PbTask, _done: f64) {}
+unsafe extern "C" fn progress(_task: *const PbTask, done: f64) {
+    if let Some(outside) = OUTSIDE.get() {
+        outside.progress(done);
+    }
+}
 
 unsafe extern "C" fn log(task: *const PbTask, level: u32, message: PbText) {
     // SAFETY: the plugin hands over the task that it was shown, and a text.
     let (call, message) = unsafe { (call(task), read_text(message)) };
-    if let Some(call) = call.filter(|_| level >= pegbar_abi::PB_LOG_WARNING) {
-        eprintln!("{} at frame {}: {message}", call.plugin, call.request.frame);
+    match (call, OUTSIDE.get()) {
+        (Some(_), Some(outside)) => outside.log(level, &message),
+        (Some(call), None) => say(call.plugin, call.request.frame, level, &message),
+        (None, _) => {}
+    }
+}
+
+/// What a plugin says.
+pub(super) fn say(plugin: &str, frame: i64, level: u32, message: &str) {
+    if level >= pegbar_abi::PB_LOG_WARNING {
+        eprintln!("{plugin} at frame {frame}: {message}");
     }
 }
 

@@ -128,6 +128,7 @@ fn node_text(node: &NodeType) -> NodeText {
         doc: o.doc.to_owned(),
         ty: o.ty.unwrap_or("any").to_owned(),
         stream: o.stream,
+        finite: false,
     };
     NodeText {
         id: schema.id.to_owned(),

@@ -1,19 +1,48 @@
 //! Plugins: what is refused and how it is said, what breaks its contract at run time, locks and versions, and that listing loads no code.
 
+mod hostile;
+
 use std::path::{Path, PathBuf};
 
-use pegbar_engine::plugin::{Manifest, describe};
+use pegbar_engine::plugin::{Isolation, Manifest, describe};
 
 use crate::support::plugins::{compile, examples, library_name, write_manifest};
 use crate::support::root;
-use crate::support::shot::{Ran, Shot, cli};
+use crate::support::shot::{Ran, Shot, cli, cli_in, workers};
 
 const NODES: &str = r#""a": (type: "motion.keys", keys: [(1.0, 1.0), (4.0, 4.0)]),"#;
+
+/// Each of these tests as two: with plugins in this process, and in workers.
+macro_rules! both_ways {
+    ($($name:ident),* $(,)?) => {
+        mod in_process {
+            $(#[test]
+            fn $name() {
+                super::$name(&super::Isolation::Off);
+            })*
+        }
+        mod isolated {
+            $(#[test]
+            fn $name() {
+                super::$name(&super::Isolation::Workers(Box::new(super::workers())));
+            })*
+        }
+    };
+}
+
+both_ways!(
+    a_library_that_is_not_what_its_manifest_says_is_refused,
+    what_breaks_the_contract_is_one_error_that_names_plugin_and_node,
+    what_is_thrown_in_c_plus_plus_is_an_error,
+    plugins_of_the_first_release_run_for_ever,
+    a_plugin_whose_digest_changes_runs_again,
+);
 
 /// A folder with the odd plugin, built with `defines`, and a graph of four frames.
 struct Odd {
     shot: Shot,
     library: PathBuf,
+    isolation: Isolation,
 }
 
 impl Odd {
@@ -21,13 +50,17 @@ impl Odd {
         let shot = Shot::new(4, NODES);
         let library = shot.path(&library_name("odd"));
         compile(&root().join("tests/all/plugins/odd.c"), "plugins/include", defines, &library);
-        Self { shot, library }
+        Self { shot, library, isolation: Isolation::Off }
     }
 
     fn new() -> Self {
         let odd = Self::build(&[]);
         write_manifest(&odd.library);
         odd
+    }
+
+    fn running(isolation: &Isolation) -> Self {
+        Self { isolation: isolation.clone(), ..Self::new() }
     }
 
     /// Builds another library for the manifest that is there. A process never loads two libraries from one path.
@@ -52,7 +85,7 @@ impl Odd {
         let mut args = before.to_vec();
         args.extend([graph.to_str().unwrap(), "--out", out.to_str().unwrap(), "--plugins", manifest.to_str().unwrap()]);
         args.extend(after);
-        let ran = cli(&args);
+        let ran = cli_in(&self.isolation, &args);
         let folder = self.shot.path("");
         let plain = |text: String| text.replace(folder.to_str().unwrap(), "");
         Ran { code: ran.code, out: plain(ran.out), err: plain(ran.err) }
@@ -94,9 +127,8 @@ fn libraries_that_are_no_plugins_for_this_host_are_refused() {
     assert!(error.contains("libnone.so: No such file"), "{error}");
 }
 
-#[test]
-fn a_library_that_is_not_what_its_manifest_says_is_refused() {
-    let mut odd = Odd::new();
+fn a_library_that_is_not_what_its_manifest_says_is_refused(isolation: &Isolation) {
+    let mut odd = Odd::running(isolation);
     odd.rebuild(&["DOC=\"Changed.\""]);
     let ran = odd.run("well");
     assert_eq!(ran.code, 1);
@@ -128,9 +160,8 @@ fn a_library_that_is_not_what_its_manifest_says_is_refused() {
     assert!(said.contains("node `odd` failed: plugin `odd` 1.0.0: library "), "{said}");
 }
 
-#[test]
-fn what_breaks_the_contract_is_one_error_that_names_plugin_and_node() {
-    let odd = Odd::new();
+fn what_breaks_the_contract_is_one_error_that_names_plugin_and_node(isolation: &Isolation) {
+    let odd = Odd::running(isolation);
     let output = "plugin `odd` 1.0.0: output `vector`:";
     let cases = [
         ("status", "plugin `odd` 1.0.0: expected a reason for its failure, found status 1 alone".to_owned()),
@@ -306,8 +337,7 @@ fn manifests_that_do_not_hold_together_are_refused() {
     }
 }
 
-#[test]
-fn what_is_thrown_in_c_plus_plus_is_an_error() {
+fn what_is_thrown_in_c_plus_plus_is_an_error(isolation: &Isolation) {
     let shot = Shot::new(4, "");
     let library = shot.path(&library_name("thrower"));
     compile(&root().join("tests/all/plugins/thrower.cpp"), "plugins/include", &[], &library);
@@ -317,7 +347,10 @@ fn what_is_thrown_in_c_plus_plus_is_an_error() {
         shot.graph(4, &format!("{node} \"out\": (type: \"io.write_value\", value: \"@t\", path: \"$out/t.npz\"),"));
         let (graph, out) = (shot.path("g.ron"), shot.path("out"));
         let plugins = ["--plugins", manifest.to_str().unwrap()];
-        cli(&["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap(), "--progress", "none", "--no-cache", plugins[0], plugins[1]])
+        cli_in(
+            isolation,
+            &["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap(), "--progress", "none", "--no-cache", plugins[0], plugins[1]],
+        )
     };
     assert_eq!(run("well").code, 0, "{}", run("well").err);
     let cases = [
@@ -333,8 +366,7 @@ fn what_is_thrown_in_c_plus_plus_is_an_error() {
 }
 
 /// The plugin of the first release, compiled against the header of the first release, as both were.
-#[test]
-fn plugins_of_the_first_release_run_for_ever() {
+fn plugins_of_the_first_release_run_for_ever(isolation: &Isolation) {
     let shot = Shot::new(
         2,
         r#""a": (type: "image.constant", size: (8, 6), color: (0.5, 0.5, 0.5, 1.0)), "d": (type: "print.halftone", image: "@a", pitch: 4.0), "out": (type: "io.write_images", image: "@d", path: "$out/d.png"),"#,
@@ -343,8 +375,29 @@ fn plugins_of_the_first_release_run_for_ever() {
     compile(&root().join("plugins/include/v1/halftone.c"), "plugins/include/v1", &[], &library);
     let manifest = write_manifest(&library);
     let (graph, out) = (shot.path("g.ron"), shot.path("out"));
-    let ran = cli(&["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap(), "--no-cache", "--plugins", manifest.to_str().unwrap()]);
+    let ran = cli_in(
+        isolation,
+        &["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap(), "--no-cache", "--plugins", manifest.to_str().unwrap()],
+    );
     assert_eq!(ran.code, 0, "{}", ran.err);
+}
+
+/// A result is taken from the cache for as long as the plugin is the one that made it.
+fn a_plugin_whose_digest_changes_runs_again(isolation: &Isolation) {
+    let mut odd = Odd::running(isolation);
+    let node = r#""odd": (type: "odd.vector", vector: [1.0]), "out": (type: "io.write_value", value: "@odd", path: "$out/o.npz"),"#;
+    odd.shot.graph(4, node);
+    let (cache, trace) = (odd.shot.path("cache"), odd.shot.path("trace.json"));
+    let ran = |odd: &Odd| {
+        let more = ["--progress", "none", "--keep", "always", "--cache", cache.to_str().unwrap(), "--trace", trace.to_str().unwrap()];
+        let ran = odd.command(&["run"], &more);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        String::from_utf8(odd.shot.get("trace.json")).unwrap().contains("odd.vector")
+    };
+    assert!(ran(&odd) && !ran(&odd));
+    odd.rebuild(&["DOC=\"Changed.\""]);
+    write_manifest(&odd.library);
+    assert!(ran(&odd) && !ran(&odd));
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use pegbar::{Console, run_cli};
 use pegbar_engine::node::Cancel;
+use pegbar_engine::plugin::{Isolation, Workers};
 
 /// What a command left behind.
 pub(crate) struct Ran {
@@ -12,11 +13,25 @@ pub(crate) struct Ran {
     pub(crate) err: String,
 }
 
-/// Runs `pegbar ARGS` in this process.
+/// Runs `pegbar ARGS` in this process, plugins too.
 pub(crate) fn cli(args: &[&str]) -> Ran {
+    cli_in(&Isolation::Off, args)
+}
+
+/// Plugins in workers of the program.
+pub(crate) fn workers() -> Workers {
+    Workers::new(env!("CARGO_BIN_EXE_pegbar"))
+}
+
+/// Runs `pegbar ARGS` in this process, and plugins there.
+pub(crate) fn cli_in(isolation: &Isolation, args: &[&str]) -> Ran {
     let (mut out, mut err) = (Vec::new(), Vec::new());
     let mut console = Console { stdout: &mut out, stderr: &mut err, is_terminal: false, colour: false, cancel: Cancel::default() };
-    let code = run_cli(std::iter::once("pegbar").chain(args.iter().copied()), &pegbar_nodes::registry(), &mut console);
+    let code = run_cli(
+        std::iter::once("pegbar").chain(args.iter().copied()),
+        &pegbar_nodes::registry().with_isolation(isolation.clone()),
+        &mut console,
+    );
     Ran { code, out: String::from_utf8(out).unwrap(), err: String::from_utf8(err).unwrap() }
 }
 

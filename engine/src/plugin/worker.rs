@@ -1,0 +1,126 @@
+//! Workers: processes that run plugins, so that what a plugin does to its process it does to no other.
+//!
+//! A host starts itself, or another program, as a worker ([`serve_if_asked`]), one for each task of a plugin that runs at once. Messages go over a buffer
+//! that both write in turn (`lane`); large arrays lie in memory that both have (`arena`), where a worker can write its outputs and nothing else. A worker
+//! is a host of its plugin by the same code as any other (`serve`).
+#![cfg_attr(
+    target_os = "linux",
+    allow(unsafe_code, reason = "memory that processes share, and what a process may do; each block says what it relies on")
+)]
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+#[cfg(target_os = "linux")]
+pub mod arena;
+#[cfg(target_os = "linux")]
+mod isolated;
+#[cfg(target_os = "linux")]
+mod lane;
+#[cfg(target_os = "linux")]
+mod message;
+#[cfg(target_os = "linux")]
+mod process;
+#[cfg(target_os = "linux")]
+mod rights;
+#[cfg(target_os = "linux")]
+mod serve;
+#[cfg(target_os = "linux")]
+mod sheet;
+#[cfg(target_os = "linux")]
+mod wire;
+
+#[cfg(target_os = "linux")]
+pub(super) use isolated::Isolated;
+
+/// First argument of a program that is started as a worker.
+pub(super) const ARGUMENT: &str = "plugin-worker";
+
+/// How plugins run in processes of their own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Workers {
+    /// The program that is started: one that calls [`serve_if_asked`].
+    pub program: PathBuf,
+    /// The longest time that a task may give no sign of life: neither progress nor log, no value fetched, no memory asked for. `None` for ever.
+    pub timeout: Option<Duration>,
+    /// Most bytes of memory that one worker may take.
+    pub memory: u64,
+    /// Folders that plugins may write to.
+    pub writable: Vec<PathBuf>,
+    /// Names of plugins that run in the host's process instead.
+    pub trusted: Vec<String>,
+}
+
+impl Workers {
+    /// Workers of a program, with ten minutes and half of the machine's memory each, and nothing to write to.
+    pub fn new(program: impl Into<PathBuf>) -> Self {
+        Self {
+            program: program.into(),
+            timeout: Some(Duration::from_secs(600)),
+            memory: half_of_memory(),
+            writable: Vec::new(),
+            trusted: Vec::new(),
+        }
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn half_of_memory() -> u64 {
+    arena::memory_of_machine() / 2
+}
+
+#[cfg(not(target_os = "linux"))]
+fn half_of_memory() -> u64 {
+    u64::MAX
+}
+
+/// Where in a program plugins run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Isolation {
+    /// In workers of this program, where it has called [`serve_if_asked`] and the system has what that takes; else in its own process.
+    #[default]
+    Auto,
+    /// In its own process.
+    Off,
+    /// In workers.
+    Workers(Box<Workers>),
+}
+
+impl Isolation {
+    /// The workers, where there are to be some.
+    pub(crate) fn workers(&self) -> Option<Workers> {
+        match self {
+            Self::Auto => own_program().map(Workers::new),
+            Self::Off => None,
+            Self::Workers(workers) => Some((**workers).clone()),
+        }
+    }
+}
+
+#[cfg(target_os = "linux")]
+static SERVES: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
+
+/// The program that can serve as a worker: this one, where it calls [`serve_if_asked`].
+pub fn own_program() -> Option<PathBuf> {
+    #[cfg(target_os = "linux")]
+    if SERVES.load(std::sync::atomic::Ordering::Relaxed) {
+        return Some(PathBuf::from("/proc/self/exe"));
+    }
+    None
+}
+
+/// To be called by a program before anything else: where it was started as a worker, serves a plugin and ends the process. Else returns, and from then on
+/// plugins run in workers of this program where nothing else is said.
+pub fn serve_if_asked() {
+    #[cfg(target_os = "linux")]
+    {
+        serve::serve_if_asked();
+        SERVES.store(true, std::sync::atomic::Ordering::Relaxed);
+    }
+}
+
+/// What the system says of a call that failed.
+#[cfg(target_os = "linux")]
+fn fail() -> std::io::Error {
+    std::io::Error::last_os_error()
+}

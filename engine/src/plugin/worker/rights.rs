@@ -1,0 +1,174 @@
+//! What a worker may do: less than the user who started it.
+
+use std::ffi::CString;
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::fail;
+use super::lane::Control;
+
+/// Ends this process when the thread that started it is gone, which is there for as long as its process.
+pub(super) fn end_with(host: u32) -> bool {
+    // SAFETY: sets and asks for numbers of this process.
+    unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) == 0 && libc::getppid() as u32 == host }
+}
+
+/// Gives up the network, and writing anywhere but under `writable`, as far as this kernel lets it: Landlock (Linux 5.13) and seccomp. Reading files,
+/// devices, and sockets of this machine stay.
+pub(super) fn give_up(writable: &[PathBuf]) {
+    // SAFETY: sets a flag of this process, which lasts.
+    unsafe { libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) };
+    // What the kernel does not know of is done without.
+    let _ = write_only_under(writable);
+    let _ = no_network();
+}
+
+/// Refuses memory beyond `most` bytes, and a quarter more, as whoever looks now and then should have seen it before. Leaves no core files.
+pub(super) fn limit_memory(most: u64) {
+    let used = std::fs::read_to_string("/proc/self/statm").ok();
+    let used = used.and_then(|text| text.split(' ').nth(5)?.parse::<u64>().ok()).map_or(0, |pages| pages * 4096);
+    let most = used.saturating_add(most).saturating_add(most / 4);
+    let limit = libc::rlimit { rlim_cur: most, rlim_max: most };
+    let none = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
+    // SAFETY: lowers limits of this process.
+    unsafe {
+        libc::setrlimit(libc::RLIMIT_DATA, &raw const limit);
+        libc::setrlimit(libc::RLIMIT_CORE, &raw const none);
+    }
+}
+
+const WRITE_FILE: u64 = 1 << 1;
+/// Making and removing of files, links and folders.
+const MAKE: u64 = 0b1_1111_1111 << 4;
+const REFER: u64 = 1 << 13;
+const TRUNCATE: u64 = 1 << 14;
+
+#[repr(C)]
+struct Ruleset {
+    handled: u64,
+}
+
+#[repr(C, packed)]
+struct Beneath {
+    allowed: u64,
+    folder: i32,
+}
+
+fn write_only_under(writable: &[PathBuf]) -> std::io::Result<()> {
+    // SAFETY: asks for the version; nothing is pointed at.
+    let version = unsafe { libc::syscall(libc::SYS_landlock_create_ruleset, std::ptr::null::<u8>(), 0usize, 1u32) };
+    if version < 1 {
+        return Err(fail());
+    }
+    let handled = WRITE_FILE | MAKE | if version >= 2 { REFER } else { 0 } | if version >= 3 { TRUNCATE } else { 0 };
+    let asked = Ruleset { handled };
+    // SAFETY: the struct is as long as it says; what comes back is a file of ours.
+    let rules = unsafe {
+        let rules = libc::syscall(libc::SYS_landlock_create_ruleset, &raw const asked, size_of::<Ruleset>(), 0u32);
+        if rules < 0 {
+            return Err(fail());
+        }
+        OwnedFd::from_raw_fd(rules as i32)
+    };
+    allow(&rules, Path::new("/dev"), (WRITE_FILE | TRUNCATE) & handled)?;
+    for folder in writable {
+        allow(&rules, folder, handled)?;
+    }
+    // SAFETY: a file of ours.
+    match unsafe { libc::syscall(libc::SYS_landlock_restrict_self, rules.as_raw_fd(), 0u32) } {
+        0 => Ok(()),
+        _ => Err(fail()),
+    }
+}
+
+fn allow(rules: &OwnedFd, folder: &Path, allowed: u64) -> std::io::Result<()> {
+    let Ok(path) = CString::new(folder.as_os_str().as_encoded_bytes()) else { return Ok(()) };
+    // SAFETY: the path is a text that ends with a nought; what comes back is ours.
+    let opened = unsafe { libc::open(path.as_ptr(), libc::O_PATH | libc::O_CLOEXEC) };
+    if opened < 0 {
+        // Where nothing is, nothing can be written.
+        return Ok(());
+    }
+    // SAFETY: as above.
+    let opened = unsafe { OwnedFd::from_raw_fd(opened) };
+    let rule = Beneath { allowed, folder: opened.as_raw_fd() };
+    // SAFETY: files of ours, and a struct that is there through the call; 1 is the kind of rule that it is.
+    match unsafe { libc::syscall(libc::SYS_landlock_add_rule, rules.as_raw_fd(), 1u32, &raw const rule, 0u32) } {
+        0 => Ok(()),
+        _ => Err(fail()),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+const ARCHITECTURE: u32 = 0xc000_003e;
+#[cfg(target_arch = "aarch64")]
+const ARCHITECTURE: u32 = 0xc000_00b7;
+
+/// Refuses sockets of other kinds than this machine's own.
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+fn no_network() -> std::io::Result<()> {
+    let load = (libc::BPF_LD | libc::BPF_W | libc::BPF_ABS) as u16;
+    let equal = (libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K) as u16;
+    let end = (libc::BPF_RET | libc::BPF_K) as u16;
+    let step = |code: u16, k: u32, jt: u8, jf: u8| libc::sock_filter { code, jt, jf, k };
+    let refused = libc::SECCOMP_RET_ERRNO | libc::EACCES as u32;
+    // The words of what is looked at: number of the call, architecture, and from the sixteenth byte its arguments.
+    let program = [
+        step(load, 4, 0, 0),
+        step(equal, ARCHITECTURE, 0, 5),
+        step(load, 0, 0, 0),
+        step(equal, libc::SYS_io_uring_setup as u32, 4, 0),
+        step(equal, libc::SYS_socket as u32, 0, 2),
+        step(load, 16, 0, 0),
+        step(equal, libc::AF_UNIX as u32, 0, 1),
+        step(end, libc::SECCOMP_RET_ALLOW, 0, 0),
+        step(end, refused, 0, 0),
+    ];
+    let program = libc::sock_fprog { len: program.len() as u16, filter: program.as_ptr().cast_mut() };
+    // SAFETY: the program is there through the call, which copies it.
+    match unsafe { libc::prctl(libc::PR_SET_SECCOMP, libc::SECCOMP_MODE_FILTER, &raw const program) } {
+        0 => Ok(()),
+        _ => Err(fail()),
+    }
+}
+
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+fn no_network() -> std::io::Result<()> {
+    Err(std::io::Error::from(std::io::ErrorKind::Unsupported))
+}
+
+static CONTROL: AtomicUsize = AtomicUsize::new(0);
+/// Where inputs lie: first and last address, of the memory that is shared and of what came in messages.
+pub(super) static INPUTS: [AtomicUsize; 4] = [const { AtomicUsize::new(0) }; 4];
+
+/// Writes down which signal ends this process, and at which address, for the host to say.
+pub(super) fn note_signals(control: &'static Control) {
+    CONTROL.store(std::ptr::from_ref(control) as usize, Ordering::Release);
+    for signal in [libc::SIGSEGV, libc::SIGBUS, libc::SIGABRT, libc::SIGFPE, libc::SIGILL] {
+        // SAFETY: the handler does nothing but what a handler may.
+        unsafe {
+            let mut action: libc::sigaction = std::mem::zeroed();
+            action.sa_sigaction = note as *const () as usize;
+            action.sa_flags = libc::SA_SIGINFO | libc::SA_ONSTACK;
+            libc::sigaction(signal, &raw const action, std::ptr::null_mut());
+        }
+    }
+}
+
+extern "C" fn note(signal: libc::c_int, info: *mut libc::siginfo_t, _context: *mut libc::c_void) {
+    // SAFETY: the system hands over what it knows; the page is there as long as the process; atomic writes and `signal` are what a handler may do.
+    unsafe {
+        let has_address = signal == libc::SIGSEGV || signal == libc::SIGBUS;
+        let address = if has_address { (*info).si_addr() as usize } else { 0 };
+        let [from, to, from_small, to_small] = [0, 1, 2, 3].map(|i: usize| INPUTS[i].load(Ordering::Relaxed));
+        let is_input = has_address && ((from..to).contains(&address) || (from_small..to_small).contains(&address));
+        if let Some(control) = (CONTROL.load(Ordering::Acquire) as *const Control).as_ref() {
+            control.address.store(address as u64, Ordering::Relaxed);
+            control.near.store(u32::from(is_input), Ordering::Relaxed);
+            control.signal.store(signal as u32, Ordering::Release);
+        }
+        // What was at fault is at fault again, and ends the process as it would have.
+        libc::signal(signal, libc::SIG_DFL);
+    }
+}
