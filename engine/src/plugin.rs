@@ -6,6 +6,7 @@
 //! process. It loads the library when the first task asks for it, and never before its digest, ABI and schema are those of the manifest.
 
 mod call;
+pub mod conform;
 mod dynamic;
 mod find;
 mod library;
