@@ -90,7 +90,7 @@ pub(crate) enum Command {
     /// Say why a node runs again: the first fact that differs from the run before, old and new, with file and line.
     #[command(after_help = WHY_EXAMPLES)]
     Why(WhyArgs),
-    /// Begin a show, a sequence, a shot or a graph: files to be changed to what you need. Nothing that is there is overwritten.
+    /// Begin a show, a sequence, a shot, a graph or a node: files to be changed to what you need. Nothing that is there is overwritten.
     #[command(subcommand, after_help = NEW_EXAMPLES)]
     New(NewCommand),
     /// Change a graph file: inputs, names, nodes; no byte changes but those that must.
@@ -108,7 +108,7 @@ pub(crate) enum Command {
     /// Say where a setting comes from: every layer that says something of it, with file and line.
     #[command(after_help = WHOSE_EXAMPLES)]
     Whose(WhoseArgs),
-    /// Look after plugins: write the manifest of a library, pin the plugins of a graph.
+    /// Look after plugins: begin one, check it, write its manifest, pin the plugins of a graph.
     #[command(subcommand, after_help = PLUGIN_EXAMPLES)]
     Plugin(PluginCommand),
     /// Print a completion script for a shell.
@@ -372,8 +372,52 @@ pub(crate) enum PluginCommand {
         #[arg(value_name = "LIBRARY")]
         library: PathBuf,
     },
+    /// Begin a plugin: sources of one node, how they are built, and a graph that uses it. Nothing that is there is overwritten.
+    New {
+        /// Folder; its name is that of the plugin, a lower case word.
+        #[arg(value_name = "DIR")]
+        path: PathBuf,
+        /// Language.
+        #[arg(long, value_enum, default_value_t = Language::Rust)]
+        lang: Language,
+        /// Folder of Pegbar's source, for Rust; looked for above DIR and above this program if left out.
+        #[arg(long, value_name = "DIR")]
+        sdk: Option<PathBuf>,
+    },
+    /// Hold a plugin against its contract: manifest, docs, odd sizes, broken values, many threads, leaks. Runs its code in a process of its own.
+    #[command(after_help = PLUGIN_CHECK_EXAMPLES)]
+    Check(PluginCheckArgs),
+    /// The process with a plugin's code that `check` starts.
+    #[command(hide = true)]
+    Probe(PluginProbeArgs),
     /// Pin the plugins that a graph uses: writes their digests to pegbar.lock beside it. Loads none of them.
     Lock(GraphArgs),
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct PluginCheckArgs {
+    /// Library of the plugin, or its manifest.
+    #[arg(value_name = "LIBRARY")]
+    pub(crate) path: PathBuf,
+    /// What stands at a setting while the node is tried, in place of its default: for paths that are read, and others that have none.
+    #[arg(long, value_name = "NODE.INPUT=VALUE", value_parser = pair)]
+    pub(crate) set: Vec<(String, String)>,
+    /// Seconds that one check may take.
+    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub(crate) timeout: u64,
+    /// Text for people, or JSON for programs.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub(crate) format: Format,
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct PluginProbeArgs {
+    #[arg(value_name = "LIBRARY")]
+    pub(crate) library: PathBuf,
+    #[arg(long, value_parser = pair)]
+    pub(crate) set: Vec<(String, String)>,
+    #[arg(long, default_value_t = 0)]
+    pub(crate) from: usize,
 }
 
 /// Which cache.
@@ -398,6 +442,17 @@ pub(crate) struct WhyArgs {
     pub(crate) format: Format,
 }
 
+/// The language of a plugin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Language {
+    /// Rust, with the SDK.
+    Rust,
+    /// C11, with the header.
+    C,
+    /// C++17, with the header and its skeleton.
+    Cpp,
+}
+
 /// What is begun.
 #[derive(Debug, Subcommand)]
 pub(crate) enum NewCommand {
@@ -418,6 +473,15 @@ pub(crate) enum NewCommand {
         /// Folder; made if it is not there.
         #[arg(value_name = "DIR")]
         path: PathBuf,
+    },
+    /// A node type in Rust: a plugin of its own, or a file more in the plugin that is there.
+    Node {
+        /// Its id, PLUGIN.WORD, in the folder where the plugin PLUGIN is or is to be.
+        #[arg(value_name = "PLUGIN.WORD")]
+        path: PathBuf,
+        /// Folder of Pegbar's source; looked for above the plugin and above this program if left out.
+        #[arg(long, value_name = "DIR")]
+        sdk: Option<PathBuf>,
     },
     /// A graph that runs as it is.
     Graph {

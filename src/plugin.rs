@@ -1,4 +1,6 @@
-//! `pegbar plugin`: manifests and locks; and the plugins that a command line names.
+//! `pegbar plugin`: manifests, locks and checks; and the plugins that a command line names.
+
+mod check;
 
 use std::path::{Path, PathBuf};
 
@@ -71,6 +73,9 @@ fn say(code: &str, error: &PluginError, console: &mut Console) {
 pub(crate) fn plugin(command: &PluginCommand, trust: &[String], registry: &Registry, console: &mut Console) -> u8 {
     let done = match command {
         PluginCommand::Manifest { library } => manifest(library).map(|path| format!("{}: written\n", path.display())),
+        PluginCommand::New { path, lang, sdk } => return crate::new::plugin::plugin(path, *lang, sdk.as_deref(), console),
+        PluginCommand::Check(args) => return check::check(args, console),
+        PluginCommand::Probe(args) => return check::probe(args, registry, console),
         PluginCommand::Lock(graph) => match lock(graph, trust, registry, console) {
             Some(done) => done,
             None => return EXIT_WRONG,

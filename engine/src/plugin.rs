@@ -7,6 +7,7 @@
 //! are those of the manifest.
 
 mod call;
+pub mod conform;
 mod dynamic;
 mod find;
 mod library;

@@ -79,6 +79,13 @@ impl Registry {
         &self.isolation
     }
 
+    /// The registry where code of plugins runs, whatever was said before: for whoever has it run apart.
+    #[must_use]
+    pub(crate) fn with_code(mut self) -> Self {
+        self.is_closed = false;
+        self
+    }
+
     /// True where code of plugins may run.
     pub fn runs_code(&self) -> bool {
         !self.is_closed

@@ -85,6 +85,7 @@ Exit codes:
   2  the command line is wrong";
 
 pub(super) const PLUGIN_EXAMPLES: &str = "Examples:
+  pegbar plugin new grain --lang c                    grain/: sources, Makefile, README.md and a graph
   pegbar plugin manifest target/release/libgrain.so   writes target/release/grain.plugin.ron
   pegbar plugin lock shot.ron --plugins plugins       pins what shot.ron uses now
   pegbar nodes --plugins plugins                      lists the node types of plugins too
@@ -92,6 +93,24 @@ pub(super) const PLUGIN_EXAMPLES: &str = "Examples:
 
 A graph may name its plugins itself: plugins: [\"../plugins/grain\"].
 Plugins run in processes of their own. `pegbar plugin lock shot.ron --trust grain` has `grain` run in that of every run of shot.ron.";
+
+pub(super) const PLUGIN_CHECK_EXAMPLES: &str = "Examples:
+  pegbar plugin check target/release/libgrain.so                      a line for each check, with what to do about what failed
+  pegbar plugin check grain.plugin.ron --set 'grain.scan.path=\"a.png\"'    with a setting that has no default
+  pegbar plugin check libgrain.so --format json                       for a build that is to stop where one failed
+
+Checks:
+  library, manifest, schema, docs     it loads, and says the same in its manifest; every port and setting is explained
+  ordinary, settings, sizes, values   every type of port is fed: usual, with both ends of ranges, in odd sizes, with NaN and the like
+  frames                              one frame, frames below nought, empty sequences; no frame beyond a clock is asked for
+  same, threads                       the same bits again, backwards, in a new instance, on many threads at once
+  inputs, leaks, cancel               inputs stay as they are and are let go of; memory comes back; a task stops when it is told to
+
+Exit codes:
+  0    nothing failed
+  1    a check failed
+  2    there is no such plugin";
+
 pub(super) const PLAN_EXAMPLES: &str = "Examples:
   pegbar plan hat.ron                    what `pegbar run hat.ron` would do now
   pegbar plan hat.ron --memory 1GiB      whether it fits, and which node takes most
@@ -110,6 +129,7 @@ pub(super) const NEW_EXAMPLES: &str = "Examples:
   pegbar new show frogs              frogs/show.ron, frogs/graphs/example.ron, frogs/sq010/sh010/shot.ron
   pegbar new shot frogs/sq010/sh020  another shot
   pegbar new graph frogs/graphs/comp.ron
+  pegbar new node plugins/grain.soft plugins/grain: a plugin in Rust with the node grain.soft
   pegbar run frogs/graphs/comp.ron --shot frogs/sq010/sh020";
 
 pub(super) const EDIT_EXAMPLES: &str = "Examples:

@@ -61,8 +61,8 @@ impl PartialEq for Shared {
 pub trait Block: Bytes {
     /// The bytes.
     fn bytes_mut(&mut self) -> &mut [u8];
-    /// What its maker knows it by.
-    fn handle(&self) -> usize;
+    /// Gives it back to its maker: what that knows it by. The memory is not freed.
+    fn into_handle(self: Box<Self>) -> usize;
 }
 
 /// Makes memory for a number of elements, noughts at first; `None` where it has none.
@@ -227,7 +227,7 @@ mod tests {
         fn bytes_mut(&mut self) -> &mut [u8] {
             bytemuck::cast_slice_mut(&mut self.0)
         }
-        fn handle(&self) -> usize {
+        fn into_handle(self: Box<Self>) -> usize {
             7
         }
     }
@@ -253,7 +253,7 @@ mod tests {
         let made = with_allocator(allocate, || Buffer::<f32, 2>::zeroed([2, 3]).unwrap());
         assert_eq!((made.len(), made.shape()), (6, [2, 3]));
         let mut made = made;
-        assert_eq!(made.take_block().map(|b| b.handle()), Some(7));
+        assert_eq!(made.take_block().map(|b| b.into_handle()), Some(7));
         assert!(made.take_block().is_none() && made.is_empty());
         assert!(matches!(Buffer::<f32, 2>::zeroed([2, 3]).unwrap().store, Store::Own(_)));
         assert!(Buffer::<f32, 2>::zeroed([usize::MAX, 3]).is_none());

@@ -322,6 +322,11 @@ impl Description {
         description.validate().map(|()| description)
     }
 
+    /// The text that [`Description::parse`] reads.
+    pub fn to_ron(&self) -> String {
+        ron::to_string(self).unwrap_or_default()
+    }
+
     /// Holds its parts together.
     ///
     /// # Errors
@@ -525,7 +530,7 @@ impl OutputText {
 }
 
 impl InputText {
-    fn schema(&self) -> Result<InputSchema, String> {
+    pub(super) fn schema(&self) -> Result<InputSchema, String> {
         let (ty, parse, files) = match &self.ty {
             PortType::Value(name) => (InputType::Value(intern(name)), settings::value_literal(intern(name)), FileUse::None),
             PortType::Setting(name) => {

@@ -14,7 +14,7 @@ use crate::setting::Setting;
 use crate::value::{ValueRef, ValueType};
 
 /// Settings that are remembered at once: more nodes of one type in one graph are made anew.
-const REMEMBERED: usize = 256;
+pub(super) const REMEMBERED: usize = 256;
 
 /// What all node types of a plugin share.
 pub(super) struct Plugin {

@@ -100,7 +100,7 @@ impl Exports {
             nodes: nodes.iter().map(node_text).collect(),
             values: types.map(|ty| TypeText::of(&ty.schema)).collect(),
         };
-        let schema = ron::to_string(&description).unwrap_or_default();
+        let schema = description.to_ron();
         let plugin = PbPlugin {
             struct_size: size_of::<PbPlugin>() as u32,
             abi_major: PB_ABI_MAJOR,
@@ -562,14 +562,14 @@ impl Block for HostBlock {
         unsafe { std::slice::from_raw_parts_mut((*self.0).data, (*self.0).bytes as usize) }
     }
 
-    fn handle(&self) -> usize {
-        self.0.expose_provenance()
+    fn into_handle(mut self: Box<Self>) -> usize {
+        std::mem::replace(&mut self.0, std::ptr::null_mut()).expose_provenance()
     }
 }
 
 impl Drop for HostBlock {
     fn drop(&mut self) {
-        if let Some(suites) = SUITES.get() {
+        if let Some(suites) = SUITES.get().filter(|_| !self.0.is_null()) {
             // SAFETY: it is owned, and freed once.
             unsafe { (suites.values.free)(self.0) };
         }
@@ -598,8 +598,7 @@ fn put(task: *const PbTask, output: u32, index: u64, mut value: ValueRef) -> Res
         let (text, rank) = (PbText::new(name), shape.len() as u32);
         // A host's block is taken out of a value that this alone has.
         if let Some(block) = Arc::get_mut(&mut value).and_then(|value| value.take_block(name)) {
-            let handle = std::ptr::with_exposed_provenance_mut(block.handle());
-            std::mem::forget(block);
+            let handle = std::ptr::with_exposed_provenance_mut(block.into_handle());
             // SAFETY: the block is the host's, whose it is again; the task runs, and name and shape live through the call.
             unsafe { (suites.values.put)(task, output, index, text, rank, shape.as_ptr(), handle) };
             continue;

@@ -3,141 +3,26 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use pegbar_engine::array::{Array, DType, Data};
 use pegbar_engine::check::{LoadOptions, Loaded, load_text};
 use pegbar_engine::node::{self, Access, InputSchema, InputType, NodeSchema};
 use pegbar_engine::npz;
+pub(super) use pegbar_engine::plugin::conform::Kind;
 use pegbar_engine::registry::Registry;
-use pegbar_engine::value::{OwnedParts, ValueRef, ValueType};
+use pegbar_engine::value::ValueRef;
 
 /// Frames of the graphs.
 pub(super) const FRAMES: i64 = 4;
 
-/// What values are like.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
-    /// Small, finite, as everywhere.
-    Ordinary,
-    /// Others of the same sizes.
-    Other,
-    /// No rows, no points.
-    Empty,
-    /// One row, one column, one point.
-    One,
-    /// Pictures of no channels.
-    NoChannels,
-    /// No number is one.
-    Nan,
-    /// Infinities of both signs.
-    Infinite,
-    /// As large as f32 goes.
-    Huge,
-    /// All the same: nothing to hold on to.
-    Constant,
-    /// Pictures that fill a part of what is shown, and reach beyond it.
-    Shifted,
-    /// Pictures in a frame larger than any memory.
-    Vast,
-}
-
-impl Kind {
-    pub(super) const WRONG: [Self; 9] =
-        [Self::Empty, Self::One, Self::NoChannels, Self::Nan, Self::Infinite, Self::Huge, Self::Constant, Self::Shifted, Self::Vast];
-
-    fn name(self) -> String {
-        format!("{self:?}").to_lowercase()
-    }
-
-    /// Extent of an axis that the type's schema calls by this letter or number.
-    fn extent(self, axis: &str) -> usize {
-        match (axis.parse(), self, axis) {
-            (Ok(number), _, _) => number,
-            (_, _, "t") => FRAMES as usize,
-            (_, Kind::NoChannels, "c") => 0,
-            (_, _, "c") => 4,
-            (_, Kind::Empty, _) => 0,
-            (_, Kind::One, _) => 1,
-            (_, _, "h") => 9,
-            (_, _, "w") => 12,
-            _ => 6,
-        }
-    }
-
-    fn sample(self, i: usize) -> f64 {
-        // Neither sorted nor random: neighbours differ, and every run has the same.
-        let mixed = |by: usize| ((i * by + 3) % 17) as f64 / 17.0;
-        match self {
-            Kind::Nan => f64::NAN,
-            Kind::Infinite if i.is_multiple_of(2) => f64::INFINITY,
-            Kind::Infinite => f64::NEG_INFINITY,
-            Kind::Huge if i.is_multiple_of(2) => 3e38,
-            Kind::Huge => -3e38,
-            Kind::Constant => 0.5,
-            Kind::Other => mixed(11),
-            _ => mixed(7),
-        }
-    }
-
-    fn array(self, dtype: DType, shape: &str, offset: usize) -> Array {
-        let axes = shape.trim_matches(['[', ']']).split(',').map(str::trim).filter(|a| !a.is_empty());
-        let shape: Vec<usize> = axes.map(|a| self.extent(a)).collect();
-        let n: usize = shape.iter().product();
-        let whole = |i: usize| (i + offset + usize::from(self == Kind::Other)) % 3;
-        let data = match dtype {
-            DType::F32 => Data::F32((0..n).map(|i| self.sample(i + offset) as f32).collect()),
-            DType::F64 => Data::F64((0..n).map(|i| self.sample(i + offset)).collect()),
-            DType::I64 => Data::I64((0..n).map(|i| whole(i) as i64).collect()),
-            DType::U32 => Data::U32((0..n).map(|i| whole(i) as u32).collect()),
-            DType::U8 => Data::U8((0..n).map(|i| whole(i) as u8).collect()),
-        };
-        Array { shape, data }
-    }
-
-    /// A value of this kind; `None` where the type does not take it.
-    fn value(self, ty: &ValueType, offset: usize) -> Option<ValueRef> {
-        let arrays = ty.schema.arrays.iter().map(|a| (a.name.to_owned(), self.array(a.dtype, a.shape, offset)));
-        let mut parts = OwnedParts { arrays: arrays.collect(), ..OwnedParts::default() };
-        // Any numbers make no tree; a chain is one.
-        if let Some((_, Array { data: Data::I64(parents), .. })) = parts.arrays.iter_mut().find(|(name, _)| name == "parents") {
-            parents.iter_mut().zip(-1..).for_each(|(p, before)| *p = before);
-        }
-        // Any numbers make no camera; these see what lies before the origin.
-        if ty.schema.name == "Camera" && matches!(self, Kind::Ordinary | Kind::Other) {
-            for (_, array) in &mut parts.arrays {
-                match &mut array.data {
-                    Data::F64(m) => m[12..].copy_from_slice(&[0.0, 0.0, 0.0, 1.0]),
-                    Data::I64(size) => *size = vec![12, 9],
-                    _ => {}
-                }
-            }
-        }
-        // Nor any lengths curves: these have all points between them.
-        if ty.schema.name == "Curves" {
-            let n = parts.arrays.iter().find(|(name, _)| name == "points").map_or(0, |(_, a)| a.shape[0]);
-            if let Some((_, Array { data: Data::U32(lengths), .. })) = parts.arrays.iter_mut().find(|(name, _)| name == "lengths") {
-                let count = lengths.len();
-                lengths.iter_mut().enumerate().for_each(|(i, l)| *l = (n * (i + 1) / count - n * i / count) as u32);
-            }
-        }
-        let windows = match self {
-            Kind::Shifted => Some(([-3, 4, 9, 13], [0, 0, 12, 9])),
-            Kind::Vast => Some(([0, 0, 12, 9], [-1_000_000, -1_000_000, 1_000_000, 1_000_000])),
-            _ => None,
-        };
-        if let Some((data, display)) = windows.filter(|_| ty.schema.texts.iter().any(|t| t.name == "data_window")) {
-            parts.meta.insert("data_window".to_owned(), data.as_slice().into());
-            parts.meta.insert("display_window".to_owned(), display.as_slice().into());
-        }
-        (ty.from_parts)(parts).ok()
-    }
+fn name(kind: Kind) -> String {
+    format!("{kind:?}").to_lowercase()
 }
 
 /// Writes a stream and a single value of a kind for every value type; what a type does not take is left out.
 pub(super) fn write_all(folder: &Path, registry: &Registry, kind: Kind) {
     for ty in registry.types() {
         let frames: Vec<i64> = (1..=FRAMES).collect();
-        let stream: Option<Vec<ValueRef>> = frames.iter().map(|f| kind.value(ty, *f as usize)).collect();
-        let file = |what: &str| std::fs::File::create(folder.join(format!("{}.{}.{what}.npz", ty.schema.name, kind.name()))).unwrap();
+        let stream: Option<Vec<ValueRef>> = frames.iter().map(|f| kind.value(ty, kind.sizes(), *f as usize)).collect();
+        let file = |what: &str| std::fs::File::create(folder.join(format!("{}.{}.{what}.npz", ty.schema.name, name(kind)))).unwrap();
         if let Some(values) = stream {
             npz::write_stream(&frames, |k| Ok::<_, npz::NpzError>(values[k].clone()), false, file("stream")).unwrap();
             npz::write(values[0].as_ref(), false, file("single")).unwrap();
@@ -158,7 +43,7 @@ pub(super) fn type_at(input: &InputSchema) -> Option<&'static str> {
 pub(super) fn reference(schema: &NodeSchema, input: &InputSchema, kind: Kind) -> Option<String> {
     let reads_one = input.access == Access::Constant || (schema.kind == node::Kind::Whole && !input.access.by_handle());
     let single = if reads_one { "single" } else { "stream" };
-    type_at(input).map(|ty| format!("\"@{ty}-{}-{single}\"", kind.name()))
+    type_at(input).map(|ty| format!("\"@{ty}-{}-{single}\"", name(kind)))
 }
 
 /// Literals that an input of settings may take, the most usual first.

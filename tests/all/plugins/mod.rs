@@ -1,12 +1,14 @@
 //! Plugins: what is refused and how it is said, what breaks its contract at run time, locks and versions, and that listing loads no code.
 
 mod hostile;
+mod check;
+mod scaffold;
 
 use std::path::{Path, PathBuf};
 
 use pegbar_engine::plugin::{Isolation, Manifest, describe};
 
-use crate::support::plugins::{compile, examples, library_name, write_manifest};
+use crate::support::plugins::{compile, compile_by, examples, library_name, write_manifest};
 use crate::support::root;
 use crate::support::shot::{Ran, Shot, cli, cli_in, workers};
 
@@ -407,4 +409,104 @@ fn the_example_plugins_are_documented_and_their_examples_are_graphs() {
     for id in ["paper.bleed", "paper.exposure", "paper.grain", "paper.trail", "print.halftone"] {
         assert!(nodes.out.contains(&format!("\"id\": \"{id}\"")), "{id}");
     }
+}
+
+/// Two hundred packages whose libraries are text, or not there at all.
+#[test]
+fn listing_many_packages_opens_no_library() {
+    let odd = Odd::new();
+    let text = std::fs::read_to_string(odd.manifest()).unwrap();
+    let folder = odd.shot.path("packages");
+    std::fs::create_dir(&folder).unwrap();
+    for i in 0..200 {
+        let (name, library) = (format!("odd{i:03}"), library_name(&format!("odd{i:03}")));
+        let package = text.replace(&library_name("odd"), &library).replace("odd.vector", &format!("{name}.vector"));
+        std::fs::write(folder.join(format!("{name}.plugin.ron")), package.replace("name: \"odd\"", &format!("name: {name:?}"))).unwrap();
+        if i % 2 == 0 {
+            std::fs::write(folder.join(library), b"no library").unwrap();
+        }
+    }
+    let ran = cli(&["nodes", "--plugins", folder.to_str().unwrap()]);
+    assert_eq!((ran.code, ran.err.as_str()), (0, ""));
+    assert_eq!(ran.out.matches(".vector ").count(), 200, "{}", ran.out);
+    assert!(ran.out.contains("\nodd199\n  odd199.vector "), "{}", ran.out);
+    let ran = cli(&["explain", "odd007.vector", "--plugins", folder.to_str().unwrap()]);
+    assert!(ran.code == 0 && ran.out.contains("odd007 1.0.0"), "{}", ran.err);
+}
+
+/// Every compiler that is there, at every level of optimisation, makes a plugin of the same bits.
+#[test]
+fn plugins_of_any_compiler_and_optimisation_give_the_same() {
+    let graph = r#""a": (type: "image.checkerboard", size: (41, 23)), "b": (type: "image.blur", image: "@a", size: (5.0, 5.0)),
+        "d": (type: "print.halftone", image: "@b", pitch: 4.0, angle_deg: 22.0), "out": (type: "io.write_value", value: "@d", path: "$out/d.npz"),"#;
+    let mut made: Vec<(String, Vec<u8>)> = Vec::new();
+    for compiler in ["cc", "gcc", "clang"] {
+        if std::process::Command::new(compiler).arg("--version").output().is_err() {
+            eprintln!("skipped: no {compiler}");
+            continue;
+        }
+        for level in ["-O0", "-O2", "-O3"] {
+            let shot = Shot::new(1, graph);
+            let library = shot.path(&library_name("print"));
+            let source = root().join("plugins/examples/c/halftone.c");
+            compile_by(Path::new(compiler), &[level], &source, "plugins/include", &[], &library);
+            let (manifest, graph, out) = (write_manifest(&library), shot.path("g.ron"), shot.path("out"));
+            let args =
+                ["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap(), "--no-cache", "--plugins", manifest.to_str().unwrap()];
+            let ran = cli(&args);
+            assert_eq!(ran.code, 0, "{compiler} {level}: {}", ran.err);
+            made.push((format!("{compiler} {level}"), std::fs::read(out.join("d.npz")).unwrap()));
+        }
+    }
+    let (first, rest) = made.split_first().unwrap();
+    assert!(first.1.len() > 1000);
+    rest.iter().for_each(|(how, bytes)| assert!(*bytes == first.1, "{how} and {}", first.0));
+}
+
+/// A value type that one plugin, in Rust, brings along, and that another, in C, reads.
+#[test]
+fn a_value_type_of_one_plugin_is_read_by_another() {
+    let shot = Shot::new(
+        3,
+        r#""a": (type: "image.constant", size: (4, 3), color: (0.25, 0.25, 0.25, 1.0)), "e": (type: "paper.exposure", image: "@a"),
+        "m": (type: "meter.range", exposure: "@e.exposure"), "out": (type: "io.write_value", value: "@m", path: "$out/m.npz"),"#,
+    );
+    let library = shot.path(&library_name("meter"));
+    let (graph, out) = (shot.path("g.ron"), shot.path("out"));
+    let run = |defines: &[&str]| {
+        let _ = std::fs::remove_file(&library);
+        compile(&root().join("tests/all/plugins/meter.c"), "plugins/include", defines, &library);
+        let manifest = match defines {
+            [] => write_manifest(&library),
+            // One process loads no two libraries from one place; the manifest alone says enough.
+            _ => {
+                let path = shot.path("meter.plugin.ron");
+                let text = std::fs::read_to_string(&path).unwrap();
+                std::fs::write(&path, text.replace("dtype: f64", "dtype: f32")).unwrap();
+                path
+            }
+        };
+        let plugins = [examples().to_str().unwrap(), manifest.to_str().unwrap()];
+        cli(&[
+            "run",
+            graph.to_str().unwrap(),
+            "--out",
+            out.to_str().unwrap(),
+            "--no-cache",
+            "--plugins",
+            plugins[0],
+            "--plugins",
+            plugins[1],
+        ])
+    };
+    let ran = run(&[]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let registry = crate::support::plugins::registry();
+    let file = std::fs::File::open(out.join("m.npz")).unwrap();
+    let read = pegbar_engine::npz::Archive::open(file, 1 << 20).unwrap().parts().unwrap();
+    let value = (registry.get_type("Vector").unwrap().from_parts)(read).unwrap();
+    assert_eq!(value.parts().arrays[0].1.numbers(), [0.25, 0.25]);
+    let ran = run(&["NARROW"]);
+    let expected = "value type `Exposure`: expected means f64 [t]; gains f64 [t], found means f32 [t]; gains f32 [t]";
+    assert!(ran.code == 2 && ran.err.contains(expected), "{}", ran.err);
 }

@@ -16,12 +16,19 @@ pub(crate) fn library_name(name: &str) -> String {
 
 /// Compiles a plugin in C, or in C++ by the ending of its name; Rust links with the compiler that this takes.
 pub(crate) fn compile(source: &Path, include: &str, defines: &[&str], library: &Path) {
+    let is_cpp = source.extension().is_some_and(|e| e == "cpp");
+    let (variable, usual) = if is_cpp { ("CXX", "c++") } else { ("CC", "cc") };
+    let compiler = std::env::var_os(variable).unwrap_or_else(|| usual.into());
+    compile_by(Path::new(&compiler), &["-O2"], source, include, defines, library);
+}
+
+/// Compiles a plugin with a compiler and flags of its own.
+pub(crate) fn compile_by(compiler: &Path, flags: &[&str], source: &Path, include: &str, defines: &[&str], library: &Path) {
     // Built beside its place, as others may be loading what is there.
     let temporary = tempfile::NamedTempFile::new_in(library.parent().unwrap()).unwrap();
-    let is_cpp = source.extension().is_some_and(|e| e == "cpp");
-    let (variable, usual, standard) = if is_cpp { ("CXX", "c++", "-std=c++17") } else { ("CC", "cc", "-std=c11") };
-    let mut cc = Command::new(std::env::var_os(variable).unwrap_or_else(|| usual.into()));
-    cc.args([standard, "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-O2", "-ffp-contract=off", "-I"]);
+    let standard = if source.extension().is_some_and(|e| e == "cpp") { "-std=c++17" } else { "-std=c11" };
+    let mut cc = Command::new(compiler);
+    cc.args(flags).args([standard, "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-ffp-contract=off", "-I"]);
     cc.arg(root().join(include)).args(defines.iter().map(|d| format!("-D{d}"))).arg("-o").arg(temporary.path());
     let done = cc.arg(source).arg("-lm").output().expect("a C compiler");
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));

@@ -46,6 +46,9 @@ fn mean(image: &Image) -> f64 {
 
 impl Whole for PaperExposure {
     fn run(self, cx: &Context) -> Result<PaperExposureOutputs, NodeError> {
+        if self.image.is_empty() {
+            return Err(NodeError::input("expected pictures to measure, found none"));
+        }
         let means = (0..self.image.len()).map(|i| cx.check().and_then(|()| self.image.get(i)).map(|image| mean(&image)));
         let means = means.collect::<Result<Vec<f64>, _>>()?;
         let level = means.iter().sum::<f64>() / means.len().max(1) as f64;

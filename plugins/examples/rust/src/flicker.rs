@@ -10,7 +10,7 @@ use crate::grain::noise;
 #[node(id = "paper.flicker", version = 1, kind = source, outputs = PaperFlickerOutputs, uses_frame, example = r#""lamp": (type: "paper.flicker", depth: 0.1, hold: 2)"#)]
 pub(crate) struct PaperFlicker {
     /// The number where the lamp is brightest.
-    #[input(default = 1.0)]
+    #[input(default = 1.0, unit = "as what it is wired to")]
     brightest: f64,
     /// How much of it is lost where the lamp is darkest; 0 never flickers, 1 goes out.
     #[input(default = 0.2, range = 0.0..=1.0)]
