@@ -91,14 +91,7 @@ fn refuse(loaded: &Loaded, wrong: Diagnostic, console: &mut Console) -> u8 {
 }
 
 /// Runs the job while another thread shows how far it is.
-pub(crate) fn watched(
-    progress: Progress,
-    graph: &Graph,
-    job: &Job,
-    others: &[&dyn Observer],
-    how: How,
-    console: &mut Console,
-) -> Outcome {
+pub(crate) fn watched(progress: Progress, graph: &Graph, job: &Job, others: &[&dyn Observer], how: How, console: &mut Console) -> Outcome {
     let style = match progress {
         Progress::Auto if console.is_terminal => Style::Bar,
         Progress::Auto | Progress::Plain => Style::Plain,

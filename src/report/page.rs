@@ -8,7 +8,7 @@ use std::time::{Duration, SystemTime};
 use pegbar_engine::check::Loaded;
 use pegbar_engine::draw;
 use pegbar_engine::exec::NodeStats;
-use pegbar_engine::graph::{Graph, GraphNode, Port};
+use pegbar_engine::graph::{Binding, Graph, GraphNode, Port};
 use pegbar_engine::job::Outcome;
 use pegbar_engine::node::Kind;
 use pegbar_engine::record::date;
@@ -61,6 +61,8 @@ pub(super) struct Page<'a> {
     wanted: Vec<Wanted>,
     caught: BTreeMap<Port, Caught>,
     stats: Vec<NodeStats>,
+    /// Nodes that read what was not made, directly or not: a later stage of the run, which was not planned, would have run them.
+    cut: Vec<bool>,
 }
 
 impl<'a> Page<'a> {
@@ -68,7 +70,24 @@ impl<'a> Page<'a> {
         let (wanted, caught) = catcher.end();
         let mut stats = facts.outcome.report.stats.clone();
         stats.resize(facts.graph.nodes.len(), NodeStats::default());
-        Self { facts, wanted, caught, stats }
+        let mut page = Self { facts, wanted, caught, stats, cut: Vec::new() };
+        page.cut = page.cut_off();
+        page
+    }
+
+    /// Nodes that failed or were not reached, and all that read them.
+    fn cut_off(&self) -> Vec<bool> {
+        let nodes = &self.facts.graph.nodes;
+        let mut cut: Vec<bool> = (0..nodes.len()).map(|n| self.failures(n) > 0 || self.unreached(n) > 0).collect();
+        let reads = |node: usize, cut: &[bool]| nodes[node].inputs.iter().any(|binding| match binding {
+            Binding::Wire(port) => cut[port.node],
+            Binding::List(ports) => ports.iter().any(|port| cut[port.node]),
+            _ => false,
+        });
+        while let Some(node) = (0..nodes.len()).find(|&n| !cut[n] && reads(n, &cut)) {
+            cut[node] = true;
+        }
+        cut
     }
 
     pub(super) fn title(&self) -> String {
@@ -92,6 +111,7 @@ impl<'a> Page<'a> {
             _ if self.unreached(node) > 0 => State::Unreached,
             stats if stats.tasks > 0 => State::Ran,
             stats if stats.skipped > 0 => State::Kept,
+            _ if self.cut[node] => State::Unreached,
             _ => State::Unused,
         }
     }
@@ -207,7 +227,7 @@ impl<'a> Page<'a> {
                     (self.unreached(node), "not reached"),
                 ];
                 let told: Vec<String> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
-                lines.push(told.join(", "));
+                lines.push(if told.is_empty() { "not reached".to_owned() } else { told.join(", ") });
                 if stats.tasks > 0 {
                     lines.push(format!("{}, {}", duration(stats.time), bytes(stats.peak_bytes)));
                 }
