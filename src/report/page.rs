@@ -79,11 +79,13 @@ impl<'a> Page<'a> {
     fn cut_off(&self) -> Vec<bool> {
         let nodes = &self.facts.graph.nodes;
         let mut cut: Vec<bool> = (0..nodes.len()).map(|n| self.failures(n) > 0 || self.unreached(n) > 0).collect();
-        let reads = |node: usize, cut: &[bool]| nodes[node].inputs.iter().any(|binding| match binding {
-            Binding::Wire(port) => cut[port.node],
-            Binding::List(ports) => ports.iter().any(|port| cut[port.node]),
-            _ => false,
-        });
+        let reads = |node: usize, cut: &[bool]| {
+            nodes[node].inputs.iter().any(|binding| match binding {
+                Binding::Wire(port) => cut[port.node],
+                Binding::List(ports) => ports.iter().any(|port| cut[port.node]),
+                _ => false,
+            })
+        };
         while let Some(node) = (0..nodes.len()).find(|&n| !cut[n] && reads(n, &cut)) {
             cut[node] = true;
         }
