@@ -393,7 +393,7 @@ impl Checker<'_> {
         }
         for (key, value) in self.options.overrides.clone() {
             let Some(input) = inside(&key) else { continue };
-            let text = self.from_outside(("--set", &key), &key, &value, false);
+            let text = self.outside_value(("--set", &key), &key, &value, false);
             let span = text.at.span;
             set.push((Layer::CommandLine, input, Given { scope, ..text }, span));
             self.used.insert(key);

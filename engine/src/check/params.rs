@@ -36,7 +36,7 @@ impl Checker<'_> {
         }
         for (name, value) in self.options.variables.clone() {
             let Some(ty) = self.scopes[scope].params.get(&name).map(|p| p.ty.clone()) else { continue };
-            let given = self.from_outside(("--var", &name), &format!("${name}"), &value, matches!(ty.as_str(), "path" | "text"));
+            let given = self.outside_value(("--var", &name), &format!("${name}"), &value, matches!(ty.as_str(), "path" | "text"));
             self.used.insert(name.clone());
             set.push((Layer::CommandLine, name, Given { scope, ..given }));
         }
@@ -51,7 +51,7 @@ impl Checker<'_> {
 
     /// Something that was given from outside, where it is written, so that messages can point at it: a source of its own for the command line.
     /// What is no RON is a text.
-    pub(super) fn from_outside(&mut self, (flag, name): (&str, &str), key: &str, value: &str, is_text: bool) -> Given {
+    pub(super) fn outside_value(&mut self, (flag, name): (&str, &str), key: &str, value: &str, is_text: bool) -> Given {
         let is_literal = if is_text { String::parse(value).is_ok() } else { parse_slice::<ron::Value>(value, Extensions::empty()).is_ok() };
         let value = if is_literal { value.to_owned() } else { ron::to_string(value).unwrap_or_default() };
         let at = self.written_at(key).map(|(file, _, value)| At::new(file, value)).unwrap_or_else(|| {

@@ -180,8 +180,11 @@ fn touched(before: &str, after: &str) -> Vec<usize> {
     (head.saturating_sub(1)..old.len() - tail + 1).collect()
 }
 
+/// A graph, two edits of it, and what each makes of it.
+type Pair = (String, [Edit; 2], [String; 2]);
+
 /// A graph with two edits of it that have at least one line between them.
-fn disjoint(seed: u64) -> Option<(String, [Edit; 2], [String; 2])> {
+fn disjoint(seed: u64) -> Option<Pair> {
     let text = format(&Tree::parse(graph(12, seed))).unwrap();
     let mixed = seed.wrapping_mul(0xD6E8_FEB8_6659_FD93);
     let edits = [edit(12, mixed >> 8), edit(12, mixed >> 32)];
@@ -222,7 +225,7 @@ fn edits_of_different_nodes_merge() {
         assert!(ran.status.success(), "git {args:?}: {}", String::from_utf8_lossy(&said));
     };
     let path = |i: usize| folder.path().join(format!("{i}.ron"));
-    let commit = |text: fn(&(String, [Edit; 2], [String; 2])) -> &str| {
+    let commit = |text: fn(&Pair) -> &str| {
         pairs.iter().enumerate().for_each(|(i, pair)| std::fs::write(path(i), text(pair)).unwrap());
         run(&["add", "."]);
         run(&["commit", "-q", "-m", "graphs"]);

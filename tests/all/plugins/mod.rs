@@ -1,7 +1,7 @@
 //! Plugins: what is refused and how it is said, what breaks its contract at run time, locks and versions, and that listing loads no code.
 
-mod hostile;
 mod check;
+mod hostile;
 mod scaffold;
 
 use std::path::{Path, PathBuf};
