@@ -79,11 +79,11 @@ impl Registry {
         &self.isolation
     }
 
-    /// The registry where code of plugins runs, whatever was said before: for whoever has it run apart.
+    /// The registry whose plugins run in this process, whatever was said before: for whoever has them do so in one apart.
     #[must_use]
-    pub(crate) fn with_code(mut self) -> Self {
+    pub(crate) fn with_code_here(mut self) -> Self {
         self.is_closed = false;
-        self
+        self.with_isolation(Isolation::Off)
     }
 
     /// True where code of plugins may run.

@@ -58,7 +58,7 @@ fn each_fault_fails_on_its_line() {
         ("LEAKS_INSTANCE", "leaks", "a new instance: expected memory to be given back, found "),
         ("COUNTS", "same", "frame 4 again, backwards: expected the same bits, found others in `image`"),
         ("READS_FRAME", "same", "the same input at two frames: expected the same bits, found others in `image`"),
-        ("RACES", "threads", "8 threads at once, frame "),
+        ("OF_ONE_THREAD", "threads", "8 threads at once, frame "),
         ("ENDS_AT_NAN", "values", "NaN everywhere at `image`, frame 1: expected an answer, found the process ended (exit status: 0)"),
         (
             "GOES_ON",

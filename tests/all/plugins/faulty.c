@@ -77,7 +77,8 @@ static double now(void) {
 static uint32_t compute(void *instance, const PbTask *task) {
     static const float *before;
     static float *leaked;
-    static int calls, at_once;
+    static int calls, known;
+    static _Thread_local int here;
     const PbPort *port = pb_port(task, 0);
     const PbValue *value = port->values[0];
     const PbArray *pixels = pb_array(value, PB_TEXT("pixels"));
@@ -92,7 +93,7 @@ static uint32_t compute(void *instance, const PbTask *task) {
         return PB_CANCELLED;
 #endif
     }
-    (void)now, (void)width, (void)before, (void)leaked, (void)calls, (void)at_once;
+    (void)now, (void)width, (void)before, (void)leaked, (void)calls, (void)known, (void)here;
 #ifdef NULL_AT_ONE
     if (width == 1) gain = *(volatile float *)0;
 #endif
@@ -135,11 +136,9 @@ static uint32_t compute(void *instance, const PbTask *task) {
     printf("{\"begins\":7}\nand so on");
     fflush(stdout);
 #endif
-#ifdef RACES
-    __atomic_add_fetch(&at_once, 1, __ATOMIC_SEQ_CST);
-    for (i = 0; i < 20000; i++)
-        if (__atomic_load_n(&at_once, __ATOMIC_SEQ_CST) > 1) gain = 9.0f;
-    __atomic_sub_fetch(&at_once, 1, __ATOMIC_SEQ_CST);
+#ifdef OF_ONE_THREAD
+    if (!known) known = here = 1;
+    if (!here) gain = 9.0f;
 #endif
     to = values->array(task, 0, 0, PB_TEXT("pixels"), PB_F32, 3, pixels->shape);
     if (!to) return PB_FAILED;

@@ -52,7 +52,7 @@ impl Probe {
         let libraries = [(platform(), LibraryFile { file, digest: digest(library)? })].into();
         let found = Found { path: library.to_owned(), manifest: Arc::new(Manifest { libraries, plugin }) };
         let out = tempfile::tempdir().map_err(|e| PluginError::new(format!("a folder for what nodes write: {e}")))?;
-        let probe = Self { found, host: host.clone().with_code(), given, out };
+        let probe = Self { found, host: host.clone().with_code_here(), given, out };
         probe.registry().map(|_| probe)
     }
 
