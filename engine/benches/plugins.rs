@@ -83,13 +83,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         Ok(least)
     };
-    let [here, there] = least("bench.next", &numbers, 2000, 40)?;
+    let [here, there] = least("bench.next", &numbers, 100, 60)?;
     println!("call of a node in C      in process {here:>10.2?}   isolated {there:>10.2?}");
     // After the first node the memory that is shared is there.
     let data = (0..4 * 1080 * 1920).map(|i| (i % 1000) as f32 / 500.0).collect();
     let clip = Clip { planes: NdArray::new([4, 1080, 1920], data).ok_or("expected a picture")? };
     let picture: ValueRef = Arc::new(clip);
-    let [here, there] = least("bench.filter", &picture, 4, 40)?;
+    let [here, there] = least("bench.filter", &picture, 1, 60)?;
     let more = 100.0 * (there.as_secs_f64() / here.as_secs_f64() - 1.0);
     println!("filter of 1920x1080x4    in process {here:>10.2?}   isolated {there:>10.2?}   {more:+.1} %");
     Ok(())

@@ -1,7 +1,7 @@
 //! Calls of a plugin that runs in workers.
 //!
 //! A task takes a worker that is idle, or starts one, and gives it back. One whose worker ends is tried again in a new one, unless it had that to itself
-//! from the beginning: what an earlier task broke is not laid at the door of a later one.
+//! from the beginning, or hung: what an earlier task broke or leaked is not laid at the door of a later one.
 
 use std::collections::BTreeSet;
 use std::os::unix::process::ExitStatusExt;
@@ -86,7 +86,7 @@ impl Isolated {
                 }
                 Err(end) => {
                     process.kill();
-                    let is_own = process.tasks == 0 || !matches!(end, End::Ended { .. } | End::Garbage);
+                    let is_own = process.tasks == 0 || matches!(end, End::Hung(_) | End::Stopped);
                     if is_own || request.cancel.is_cancelled() {
                         return Err(self.told(&end));
                     }

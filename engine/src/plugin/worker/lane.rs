@@ -29,7 +29,7 @@ pub(super) struct Control {
     length: AtomicU64,
     /// Not nought once the host wants the task to stop.
     pub(super) cancel: AtomicU32,
-    /// The signal that ends the worker, and what the address at fault is: 1 an input's, 0 another.
+    /// The signal that ends the worker, and what was at fault: 1 a write to an input, 2 memory that ran out, 0 neither.
     pub(super) signal: AtomicU32,
     pub(super) near: AtomicU32,
     /// Counts signs of life.

@@ -147,7 +147,7 @@ impl Process {
         let mut wait = || patience.waits(self);
         let exchanged = self.lane.send(message, &mut wait).and_then(|()| self.lane.receive(answer, most, &mut wait));
         match exchanged {
-            _ if !self.is_alive() => Err(self.end()),
+            _ if !self.is_alive() => Err(self.end(patience.workers.memory)),
             Ok(()) => Ok(()),
             Err(Broken::Garbage) => {
                 self.watch.kill();
@@ -165,8 +165,11 @@ impl Process {
         self.watch.kill();
     }
 
-    fn end(&self) -> End {
+    fn end(&self, most: u64) -> End {
         let control = self.lane.control();
+        if control.near.load(Ordering::Relaxed) == 2 {
+            return End::Memory(most);
+        }
         let status = self.watch.ended(FAREWELL);
         End::Ended {
             status,

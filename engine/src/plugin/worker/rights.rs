@@ -3,7 +3,7 @@
 use std::ffi::CString;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 use super::fail;
 use super::lane::Control;
@@ -26,9 +26,9 @@ pub(super) fn give_up(writable: &[PathBuf]) {
 
 /// Refuses memory beyond `most` bytes, and a quarter more, as whoever looks now and then should have seen it before. Leaves no core files.
 pub(super) fn limit_memory(most: u64) {
-    let used = std::fs::read_to_string("/proc/self/statm").ok();
-    let used = used.and_then(|text| text.split(' ').nth(5)?.parse::<u64>().ok()).map_or(0, |pages| pages * 4096);
-    let most = used.saturating_add(most).saturating_add(most / 4);
+    let limit = data_of_process().saturating_add(most);
+    LIMIT.store(limit, Ordering::Relaxed);
+    let most = limit.saturating_add(most / 4);
     let limit = libc::rlimit { rlim_cur: most, rlim_max: most };
     let none = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
     // SAFETY: lowers limits of this process.
@@ -37,6 +37,25 @@ pub(super) fn limit_memory(most: u64) {
         libc::setrlimit(libc::RLIMIT_CORE, &raw const none);
     }
 }
+
+/// Bytes of memory that this process has asked for to write to. Does nothing but what a signal's handler may.
+fn data_of_process() -> u64 {
+    let mut text = [0u8; 128];
+    // SAFETY: reads into what is there, from a file that is closed again.
+    let (length, page) = unsafe {
+        let file = libc::open(c"/proc/self/statm".as_ptr(), libc::O_RDONLY | libc::O_CLOEXEC);
+        let length = libc::read(file, text.as_mut_ptr().cast(), text.len());
+        libc::close(file);
+        (length, libc::sysconf(libc::_SC_PAGESIZE))
+    };
+    let text = text.get(..usize::try_from(length).unwrap_or(0)).unwrap_or_default();
+    let number = |word: &[u8]| word.iter().fold(0u64, |n, c| n.wrapping_mul(10).wrapping_add(u64::from(c.wrapping_sub(b'0'))));
+    let pages = text.split(|c| *c == b' ').nth(5).map_or(0, number);
+    pages.saturating_mul(u64::try_from(page).unwrap_or(4096))
+}
+
+/// Bytes beyond which memory has run out.
+static LIMIT: AtomicU64 = AtomicU64::new(u64::MAX);
 
 const WRITE_FILE: u64 = 1 << 1;
 /// Making and removing of files, links and folders.
@@ -165,7 +184,8 @@ extern "C" fn note(signal: libc::c_int, info: *mut libc::siginfo_t, _context: *m
         let is_input = has_address && ((from..to).contains(&address) || (from_small..to_small).contains(&address));
         if let Some(control) = (CONTROL.load(Ordering::Acquire) as *const Control).as_ref() {
             control.address.store(address as u64, Ordering::Relaxed);
-            control.near.store(u32::from(is_input), Ordering::Relaxed);
+            let is_out = data_of_process() > LIMIT.load(Ordering::Relaxed);
+            control.near.store(if is_out { 2 } else { u32::from(is_input) }, Ordering::Relaxed);
             control.signal.store(signal as u32, Ordering::Release);
         }
         // What was at fault is at fault again, and ends the process as it would have.
