@@ -17,7 +17,7 @@ use pegbar_engine::plugin::{ENDING, Isolation, LibraryFile, Manifest, describe, 
 use pegbar_engine::registry::{NodeType, Registry};
 use pegbar_engine::value::{ValueRef, Vector};
 
-#[allow(dead_code, unreachable_pub, reason = "the program's own file, of which this uses the allocator alone")]
+#[allow(dead_code, unreachable_pub, unused_imports, reason = "the program's own file, of which this uses the allocator alone")]
 #[path = "../../src/pool.rs"]
 mod pool;
 
