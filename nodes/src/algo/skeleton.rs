@@ -65,24 +65,33 @@ pub enum TreeError {
     },
 }
 
-/// Joints such that each comes after its parent; those of one depth in the order of their numbers. Cost: O(joints · depth).
+/// Joints such that each comes after its parent; those of one depth in the order of their numbers. Cost: O(n log n).
 ///
 /// # Errors
 /// Where a parent is no joint, or joints are each other's parents.
 pub fn order(parents: &[i64]) -> Result<Vec<usize>, TreeError> {
+    const UNKNOWN: usize = usize::MAX;
     let n = parents.len();
-    let mut depths = Vec::with_capacity(n);
+    let mut depths = vec![UNKNOWN; n];
+    let mut way = Vec::new();
     for joint in 0..n {
-        let (mut depth, mut at) = (0, joint);
-        while parents[at] != -1 {
+        let mut at = joint;
+        while depths[at] == UNKNOWN && parents[at] != -1 {
+            way.push(at);
             let parent = parents[at];
             at = usize::try_from(parent).ok().filter(|p| *p < n).ok_or(TreeError::NoParent { joint: at, n, found: parent })?;
-            depth += 1;
-            if depth > n {
+            if way.len() > n {
                 return Err(TreeError::Ring { joint });
             }
         }
-        depths.push(depth);
+        if depths[at] == UNKNOWN {
+            depths[at] = 0;
+        }
+        let mut depth = depths[at];
+        for joint in way.drain(..).rev() {
+            depth += 1;
+            depths[joint] = depth;
+        }
     }
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by_key(|&j| depths[j]);
@@ -101,4 +110,26 @@ pub fn world_from_joint(parents: &[i64], parent_from_joint: &[Matrix4<f64>]) -> 
         }
     }
     Ok(world)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joints_follow_their_parents_by_depth() {
+        assert_eq!(order(&[2, 0, -1, 2, 1, -1]).unwrap(), [2, 5, 0, 3, 1, 4]);
+        assert_eq!(order(&[]).unwrap(), [0_usize; 0]);
+        // A chain whose root comes last, too long for a walk from each of its joints.
+        let n = 200_000;
+        let chain: Vec<i64> = (0..n).map(|i| if i + 1 < n { i + 1 } else { -1 }).collect();
+        assert!(order(&chain).unwrap().into_iter().eq((0..n as usize).rev()));
+    }
+
+    #[test]
+    fn rings_and_parents_that_are_none_are_told() {
+        assert_eq!(order(&[-1, 2, 3, 1]), Err(TreeError::Ring { joint: 1 }));
+        assert_eq!(order(&[-1, 0, 7]), Err(TreeError::NoParent { joint: 2, n: 3, found: 7 }));
+        assert_eq!(order(&[-2]), Err(TreeError::NoParent { joint: 0, n: 1, found: -2 }));
+    }
 }

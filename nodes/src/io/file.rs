@@ -14,11 +14,12 @@ const MAX_FILE: u64 = 16 << 30;
 
 /// Opens a file to be read.
 pub(super) fn open(path: &Path) -> Result<File, NodeError> {
-    let file = File::open(path).map_err(|e| NodeError::io(path, e))?;
-    let about = file.metadata().map_err(|e| NodeError::io(path, e))?;
+    // Before it is opened: that of a pipe waits for somebody who writes.
+    let about = std::fs::metadata(path).map_err(|e| NodeError::io(path, e))?;
     if !about.is_file() {
-        return Err(NodeError::io(path, "expected a file, found a folder or a device"));
+        return Err(NodeError::io(path, "expected a file, found a folder, a pipe or a device"));
     }
+    let file = File::open(path).map_err(|e| NodeError::io(path, e))?;
     if about.len() > MAX_FILE {
         return Err(NodeError::new(Fault::Limit, format!("{}: expected at most {MAX_FILE} bytes, found {}", path.display(), about.len())));
     }
@@ -69,4 +70,23 @@ pub(super) fn codec_error(path: &Path, error: &CodecError) -> NodeError {
         CodecError::Io(_) => Fault::Io,
     };
     NodeError::new(fault, format!("{}: {error}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_file_is_refused_without_waiting() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status().is_ok_and(|status| status.success());
+        if !made {
+            eprintln!("skipped in part: there is no mkfifo");
+        }
+        for path in [folder.path(), &pipe].into_iter().take(1 + usize::from(made)) {
+            let error = read(path).unwrap_err().to_string();
+            assert!(error.contains("expected a file, found a folder, a pipe or a device"), "{error}");
+        }
+    }
 }
