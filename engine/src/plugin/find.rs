@@ -10,6 +10,7 @@ use super::dynamic::{dynamic_type, mismatch};
 use super::library::InProcess;
 use super::manifest::{Description, ENDING, Manifest};
 use super::operator::{Plugin, PluginOperator};
+use super::worker::Workers;
 use crate::node::PluginId;
 use crate::registry::{NodeType, Registry};
 
@@ -108,22 +109,36 @@ impl Found {
     }
 }
 
-/// In workers, unless the plugin is trusted, no code runs, or there can be none.
-fn transport(found: &Found, registry: &Registry) -> Box<dyn Transport> {
+/// In workers, unless the plugin is trusted, no code runs, or the program has none.
+///
+/// # Errors
+/// Where there are to be workers and the system has not what they take: in this process a plugin could do what it was not trusted to.
+fn transport(found: &Found, registry: &Registry) -> Result<Box<dyn Transport>, String> {
     let (manifest, folder) = (found.manifest.clone(), found.folder().to_owned());
-    #[cfg(target_os = "linux")]
-    {
-        let workers = registry.isolation().workers().filter(|w| registry.runs_code() && !w.trusted.contains(&manifest.plugin.name));
-        if let Some(isolated) = workers.and_then(|w| super::worker::Isolated::new(manifest.clone(), folder.clone(), w)) {
-            return Box::new(isolated);
-        }
-    }
-    Box::new(InProcess::new(manifest, folder, registry.runs_code()))
+    let name = &manifest.plugin.name;
+    let workers = registry.isolation().workers().filter(|w| registry.runs_code() && !w.trusted.contains(name));
+    let Some(workers) = workers else { return Ok(Box::new(InProcess::new(manifest, folder, registry.runs_code()))) };
+    let refused = || {
+        let needs =
+            "expected a system where processes share memory (Linux, with memory files) for a plugin that is not trusted, found none";
+        format!("{needs}; to run it in this process: --trust {}", found.manifest.plugin.name)
+    };
+    isolated(manifest, folder, workers).ok_or_else(refused)
+}
+
+#[cfg(target_os = "linux")]
+fn isolated(manifest: Arc<Manifest>, folder: PathBuf, workers: Workers) -> Option<Box<dyn Transport>> {
+    super::worker::Isolated::new(manifest, folder, workers).map(|isolated| Box::new(isolated) as Box<dyn Transport>)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn isolated(_: Arc<Manifest>, _: PathBuf, _: Workers) -> Option<Box<dyn Transport>> {
+    None
 }
 
 fn nodes(description: &Description, found: &Found, registry: &Registry, id: PluginId) -> Result<Vec<NodeType>, String> {
     let types: BTreeMap<_, _> = registry.types().map(|ty| (ty.schema.name, ty.clone())).collect();
-    let transport = transport(found, registry);
+    let transport = transport(found, registry)?;
     let plugin = Arc::new(Plugin { id, description: description.clone(), types, transport });
     let node = |(i, text): (usize, &super::manifest::NodeText)| {
         let schema = Arc::new(text.schema()?);

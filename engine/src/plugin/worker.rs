@@ -9,6 +9,7 @@
 )]
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 #[cfg(target_os = "linux")]
@@ -77,7 +78,8 @@ fn half_of_memory() -> u64 {
 /// Where in a program plugins run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Isolation {
-    /// In workers of this program, where it has called [`serve_if_asked`] and the system has what that takes; else in its own process.
+    /// In workers of this program, where it has called [`serve_if_asked`]; else in its own process. Where the system has not what workers take (Linux,
+    /// memory files), plugins that are not trusted are refused.
     #[default]
     Auto,
     /// In its own process.
@@ -97,26 +99,20 @@ impl Isolation {
     }
 }
 
-#[cfg(target_os = "linux")]
-static SERVES: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
+static SERVES: AtomicBool = AtomicBool::new(false);
 
 /// The program that can serve as a worker: this one, where it calls [`serve_if_asked`].
 pub fn own_program() -> Option<PathBuf> {
-    #[cfg(target_os = "linux")]
-    if SERVES.load(std::sync::atomic::Ordering::Relaxed) {
-        return Some(PathBuf::from("/proc/self/exe"));
-    }
-    None
+    let own = if cfg!(target_os = "linux") { Some(PathBuf::from("/proc/self/exe")) } else { std::env::current_exe().ok() };
+    own.filter(|_| SERVES.load(Ordering::Relaxed))
 }
 
 /// To be called by a program before anything else: where it was started as a worker, serves a plugin and ends the process. Else returns, and from then on
 /// plugins run in workers of this program where nothing else is said.
 pub fn serve_if_asked() {
     #[cfg(target_os = "linux")]
-    {
-        serve::serve_if_asked();
-        SERVES.store(true, std::sync::atomic::Ordering::Relaxed);
-    }
+    serve::serve_if_asked();
+    SERVES.store(true, Ordering::Relaxed);
 }
 
 /// What the system says of a call that failed.
