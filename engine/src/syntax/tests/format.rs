@@ -44,7 +44,7 @@ fn what_does_not_fit_on_a_line_has_lines() {
 fn short_values_share_lines_and_records_do_not() {
     let list = |item: &str| formatted(&format!("(a:[{}])", vec![item; 30].join(",")));
     assert_eq!(list("(0.25,1)").lines().nth(2), Some(format!("        {}", ["(0.25, 1),"; 12].join(" ")).as_str()));
-    assert_eq!(list("\"@track.motion\"").lines().count(), 8);
+    assert_eq!(list("\"@track.motion\"").lines().count(), 9);
     assert_eq!(list("[1,2,3]").lines().nth(2), Some("        [1, 2, 3],"));
     assert_eq!(list("(a:1)").lines().nth(2), Some("        (a: 1),"));
     let long = format!("\"{}\"", "x".repeat(50));
