@@ -70,13 +70,22 @@ pub fn depth_of(near: f64, orthographic: bool) -> f64 {
 /// The surface's triangles on the screen, as far as they may touch the picture, in their order. Cost: O(n).
 pub fn project(surface: &Surface, camera: &Camera) -> Projected {
     let matrix = camera.clip_from_world();
-    let clip: Vec<Vector4<f64>> = surface.positions.iter().map(|p| matrix * Vector4::new(p.x, p.y, p.z, 1.0)).collect();
     let projector = Projector::new(camera);
+    let vertices: Vec<Vertex> = surface.positions.iter().map(|p| projector.vertex(matrix * Vector4::new(p.x, p.y, p.z, 1.0))).collect();
     let mut out = Projected { triangles: Vec::with_capacity(surface.triangles.len()), pieces: Vec::new() };
     for (t, corners) in surface.triangles.iter().enumerate() {
-        projector.push(corners.map(|i| clip[i as usize]), t as u32, &mut out);
+        projector.push(corners.map(|i| &vertices[i as usize]), t as u32, &mut out);
     }
     out
+}
+
+/// A corner of triangles.
+struct Vertex {
+    clip: Vector4<f64>,
+    /// The sides of the picture that it lies beyond: near, left, right, bottom, top.
+    beyond: u8,
+    /// Pixel and nearness, where nothing need be cut.
+    screen: Option<([f64; 2], f64)>,
 }
 
 struct Projector<'a> {
@@ -99,18 +108,29 @@ impl<'a> Projector<'a> {
         [v.z + v.w, v.x + gx * v.w, gx * v.w - v.x, v.y + gy * v.w, gy * v.w - v.y]
     }
 
-    fn push(&self, clip: [Vector4<f64>; 3], source: u32, out: &mut Projected) {
-        let beyond = |f: &dyn Fn(&Vector4<f64>) -> bool| clip.iter().all(f);
-        if beyond(&|v| v.z < -v.w) || beyond(&|v| v.x < -v.w) || beyond(&|v| v.x > v.w) || beyond(&|v| v.y < -v.w) || beyond(&|v| v.y > v.w)
-        {
+    fn vertex(&self, clip: Vector4<f64>) -> Vertex {
+        let v = &clip;
+        let sides = [v.z < -v.w, v.x < -v.w, v.x > v.w, v.y < -v.w, v.y > v.w];
+        let beyond = sides.iter().enumerate().map(|(i, beyond)| u8::from(*beyond) << i).sum();
+        let whole = v.w > 0.0 && self.planes(v).iter().all(|d| *d >= 0.0);
+        Vertex { clip, beyond, screen: whole.then(|| self.screen(v)) }
+    }
+
+    fn screen(&self, v: &Vector4<f64>) -> ([f64; 2], f64) {
+        let [a, b] = self.depth;
+        (self.camera.pixel(v), if self.orthographic { -(a * v.z + b) } else { 1.0 / (a * v.w + b) })
+    }
+
+    fn push(&self, corners: [&Vertex; 3], source: u32, out: &mut Projected) {
+        let [a, b, c] = corners;
+        if a.beyond & b.beyond & c.beyond != 0 {
             return;
         }
-        let sides = clip.map(|v| self.planes(&v));
-        if sides.iter().flatten().all(|d| *d >= 0.0) && clip.iter().all(|v| v.w > 0.0) {
-            return out.triangles.push(self.triangle(clip, source, NONE));
+        if let (Some(a), Some(b), Some(c)) = (a.screen, b.screen, c.screen) {
+            return out.triangles.push(ScreenTriangle { corners: [a.0, b.0, c.0], near: [a.1, b.1, c.1], source, piece: NONE });
         }
         let weights = [Vector3::x(), Vector3::y(), Vector3::z()];
-        let mut polygon: Vec<Corner> = clip.into_iter().zip(weights).collect();
+        let mut polygon: Vec<Corner> = corners.map(|v| v.clip).into_iter().zip(weights).collect();
         for plane in 0..5 {
             polygon = cut(&polygon, |v| self.planes(v)[plane]);
         }
@@ -120,15 +140,11 @@ impl<'a> Projector<'a> {
         }
         for i in 2..polygon.len() {
             let piece = [polygon[0], polygon[i - 1], polygon[i]];
-            out.triangles.push(self.triangle(piece.map(|c| c.0), source, out.pieces.len() as u32));
+            let [a, b, c] = piece.map(|c| self.screen(&c.0));
+            let triangle = ScreenTriangle { corners: [a.0, b.0, c.0], near: [a.1, b.1, c.1], source, piece: out.pieces.len() as u32 };
+            out.triangles.push(triangle);
             out.pieces.push(piece.map(|c| c.1.into()));
         }
-    }
-
-    fn triangle(&self, clip: [Vector4<f64>; 3], source: u32, piece: u32) -> ScreenTriangle {
-        let [a, b] = self.depth;
-        let near = clip.map(|v| if self.orthographic { -(a * v.z + b) } else { 1.0 / (a * v.w + b) });
-        ScreenTriangle { corners: clip.map(|v| self.camera.pixel(&v)), near, source, piece }
     }
 }
 

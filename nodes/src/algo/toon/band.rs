@@ -109,7 +109,7 @@ impl Band<'_> {
     /// The colour at each pixel's centre.
     fn colour(&self, look: &mut Look) {
         look.colour.resize(look.id.len(), [0.0; 3]);
-        let mut shaded: Option<Shaded> = None;
+        let mut shaded = Shaded::default();
         let rows = look.id.chunks(self.area.width).zip(look.colour.chunks_mut(self.area.width));
         for (y, (ids, colours)) in rows.enumerate() {
             for (x, (&id, colour)) in ids.iter().zip(colours).enumerate().filter(|(_, (id, _))| **id != NONE) {
@@ -176,7 +176,7 @@ impl Band<'_> {
 
     fn write(&self, look: &Look, cover: &[f32], out: Out<'_>) {
         let width = self.area.width;
-        let mut shaded: Option<Shaded> = None;
+        let mut shaded = Shaded::default();
         // The part of the triangle that was last.
         let (mut last, mut part) = (NONE, 0.0);
         for y in 0..out.near.len() / width {
@@ -220,11 +220,11 @@ impl Band<'_> {
     }
 
     /// The mean colour of the samples of a pixel that something covers; of a sliver that no sample meets, its own.
-    fn mean(&self, close: &Close, pixel: [usize; 2], shaded: &mut Option<Shaded>) -> [f32; 3] {
+    fn mean(&self, close: &Close, pixel: [usize; 2], shaded: &mut Shaded) -> [f32; 3] {
         let [x, y] = pixel.map(|v| v as f64);
         let (mut sum, mut count) = ([0.0_f32; 3], 0.0_f32);
         let mut add = |id: u32, dx: f64, dy: f64| {
-            let colour = self.shader.colour(self.shader.prepare(id, shaded), x + dx, y + dy);
+            let colour = self.shader.colour(id, x + dx, y + dy, shaded);
             sum = std::array::from_fn(|k| sum[k] + colour[k]);
             count += 1.0;
         };

@@ -106,7 +106,7 @@ fn fill(surface: &Surface, camera: &Camera, style: &Style<'_>, projected: &Proje
         paint: &style.paint,
         light: &style.light,
         orthographic: camera.is_orthographic(),
-        back: camera.world_from_camera().column(2).xyz().normalize(),
+        half: (style.light.direction + camera.world_from_camera().column(2).xyz().normalize()).normalize(),
     };
     let band = Band {
         shader,
