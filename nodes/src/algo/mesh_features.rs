@@ -3,9 +3,7 @@
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, section 5: features inside of the outline, which lines of the mesh do not show, are named
 //! there as work to do. Shortest ways along edges: Dijkstra 1959.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
-
+use super::shortest_way::shortest_way;
 use super::surface::Surface;
 
 /// A place on an edge of a mesh: its vertices, the same one twice at a vertex, and how far along.
@@ -104,66 +102,17 @@ pub fn way(surface: &Surface, vertices: &[u32], closed: bool) -> Result<Vec<Plac
     let mut out: Vec<Place> = vertices.first().map(|v| place(*v)).into_iter().collect();
     let back = if closed && vertices.len() > 2 { Some([vertices[vertices.len() - 1], vertices[0]]) } else { None };
     for [from, to] in vertices.windows(2).map(|w| [w[0], w[1]]).chain(back) {
-        let steps = shortest(&near, surface.joined[from as usize], surface.joined[to as usize]).ok_or(WayError::Apart { from, to })?;
+        let ends = [from, to].map(|v| surface.joined[v as usize] as usize);
+        let steps = shortest_way(near.len(), ends, |at, step| near[at].iter().for_each(|&(next, length)| step(next as usize, length)));
+        let steps = steps.ok_or(WayError::Apart { from, to })?;
         // The inner vertices stand for their places; the ends are those that were named.
-        out.extend(steps.iter().map(|j| place(at(*j))));
+        out.extend(steps.get(1..steps.len() - 1).unwrap_or_default().iter().map(|j| place(at(*j as u32))));
         out.push(place(to));
     }
     if back.is_some() {
         out.pop();
     }
     Ok(out)
-}
-
-/// A vertex on the front of a search, the nearest first, of those the lowest.
-#[derive(PartialEq)]
-struct Front(f64, u32);
-
-impl Eq for Front {}
-
-impl Ord for Front {
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.0.total_cmp(&self.0).then(other.1.cmp(&self.1))
-    }
-}
-
-impl PartialOrd for Front {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-/// The inner vertices of the shortest way.
-fn shortest(near: &[Vec<(u32, f64)>], from: u32, to: u32) -> Option<Vec<u32>> {
-    let mut known = vec![(f64::INFINITY, u32::MAX); near.len()];
-    known[from as usize].0 = 0.0;
-    let mut front = BinaryHeap::from([Front(0.0, from)]);
-    while let Some(Front(far, v)) = front.pop() {
-        if v == to {
-            break;
-        }
-        if far > known[v as usize].0 {
-            continue;
-        }
-        for &(next, length) in &near[v as usize] {
-            if far + length < known[next as usize].0 {
-                known[next as usize] = (far + length, v);
-                front.push(Front(far + length, next));
-            }
-        }
-    }
-    if known[to as usize].0 == f64::INFINITY {
-        return None;
-    }
-    let mut steps = Vec::new();
-    let mut v = to;
-    while v != from {
-        v = known[v as usize].1;
-        steps.push(v);
-    }
-    steps.pop();
-    steps.reverse();
-    Some(steps)
 }
 
 #[cfg(test)]

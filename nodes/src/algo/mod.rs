@@ -57,6 +57,7 @@ pub mod raster;
 pub mod refine;
 pub mod resample;
 pub mod rotation;
+pub mod shortest_way;
 pub mod silhouette;
 pub mod similar_poses;
 pub mod skeleton;

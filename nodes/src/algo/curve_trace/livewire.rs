@@ -1,9 +1,7 @@
 //! Live-wire: the cheapest path between two pixels.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
-
 use super::feature::Field;
+use crate::algo::shortest_way::shortest_way;
 
 /// What a pixel of path costs where the feature is as strong as it gets: what keeps paths straight.
 const LEAST: f64 = 0.005;
@@ -42,27 +40,6 @@ struct Window<'a> {
     h: usize,
 }
 
-/// A pixel to go on from; the cheapest first, of equals that of the lowest number.
-#[derive(PartialEq)]
-struct Open {
-    cost: f64,
-    pixel: usize,
-}
-
-impl Eq for Open {}
-
-impl PartialOrd for Open {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Open {
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.cost.total_cmp(&self.cost).then(other.pixel.cmp(&self.pixel))
-    }
-}
-
 impl Window<'_> {
     fn middle(&self, pixel: usize) -> [f64; 2] {
         [(pixel % self.w + self.origin[0]) as f64 + 0.5, (pixel / self.w + self.origin[1]) as f64 + 0.5]
@@ -70,17 +47,7 @@ impl Window<'_> {
 
     /// The middles of the pixels from one to another.
     fn path(&self, start: usize, end: usize) -> Vec<[f64; 2]> {
-        let n = self.w * self.h;
-        let (mut cost, mut before) = (vec![f64::INFINITY; n], vec![usize::MAX; n]);
-        let mut open = BinaryHeap::from([Open { cost: 0.0, pixel: start }]);
-        cost[start] = 0.0;
-        while let Some(Open { cost: here, pixel }) = open.pop() {
-            if pixel == end {
-                break;
-            }
-            if here > cost[pixel] {
-                continue;
-            }
+        let way = shortest_way(self.w * self.h, [start, end], |pixel, step| {
             let (x, y) = (pixel % self.w, pixel / self.w);
             let tangent = self.field.tangent(self.middle(pixel));
             for (dx, dy) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)] {
@@ -88,25 +55,13 @@ impl Window<'_> {
                 if nx >= self.w || ny >= self.h {
                     continue;
                 }
-                let next = ny * self.w + nx;
                 let own = f64::from(self.field.strength[(ny + self.origin[1]) * self.field.width + nx + self.origin[0]]);
                 let length = if dx != 0 && dy != 0 { std::f64::consts::SQRT_2 } else { 1.0 };
                 let off = 1.0 - ((dx as f64 * tangent[0] + dy as f64 * tangent[1]) / length).abs();
                 let lack = 1.0 - own;
-                let there = here + length * (LEAST + lack * lack + TURN * own * off);
-                if there < cost[next] {
-                    (cost[next], before[next]) = (there, pixel);
-                    open.push(Open { cost: there, pixel: next });
-                }
+                step(ny * self.w + nx, length * (LEAST + lack * lack + TURN * own * off));
             }
-        }
-        let mut path = vec![self.middle(end)];
-        let mut at = end;
-        while before[at] != usize::MAX {
-            at = before[at];
-            path.push(self.middle(at));
-        }
-        path.reverse();
-        path
+        });
+        way.unwrap_or_else(|| vec![end]).into_iter().map(|pixel| self.middle(pixel)).collect()
     }
 }
