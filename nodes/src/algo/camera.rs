@@ -188,6 +188,11 @@ impl Camera {
         [(clip.x / clip.w + 1.0) * w / 2.0, (1.0 - clip.y / clip.w) * h / 2.0]
     }
 
+    /// How much nearness ([`super::zbuffer::ScreenTriangle`]) changes with depth: by its own square in perspective.
+    pub fn slope(&self, near: f64) -> f64 {
+        if self.is_orthographic() { 1.0 } else { near * near }
+    }
+
     /// Column, row, and depth along the camera's axis of a point of the world.
     pub fn project(&self, world: [f64; 3]) -> [f64; 3] {
         let camera = self.view * Vector4::new(world[0], world[1], world[2], 1.0);

@@ -7,7 +7,7 @@ mod net;
 
 use pegbar_engine::Setting;
 
-use super::mesh_lines::distance;
+use super::mesh_lines::{Place, distance};
 use net::Net;
 
 /// How the points of two sections are paired.
@@ -29,9 +29,6 @@ pub struct Strand<'a> {
     /// True where the last joins the first.
     pub closed: bool,
 }
-
-/// A place on an edge of the mesh: its vertices, the same one twice at a vertex, and the share of the way from the first to the second.
-pub type Place = ([u32; 2], f64);
 
 /// The lines of a mesh.
 #[derive(Clone, Copy, Debug)]
@@ -71,26 +68,6 @@ impl Spot {
     /// A point of the lines.
     pub fn point(at: usize) -> Self {
         Self { from: at, to: at, share: 0.0 }
-    }
-}
-
-/// The place a share of the way from one place to another, where both lie on one edge. Perspective is left out: it is the share on the mesh.
-pub fn between(a: Place, b: Place, share: f64) -> Option<Place> {
-    let mut weights: Vec<(u32, f64)> = Vec::with_capacity(4);
-    for (([v, w], s), part) in [(a, 1.0 - share), (b, share)] {
-        for (vertex, own) in [(v, 1.0 - s), (w, s)].into_iter().filter(|o| o.1 > 1e-9) {
-            match weights.iter_mut().find(|o| o.0 == vertex) {
-                Some(known) => known.1 += own * part,
-                None => weights.push((vertex, own * part)),
-            }
-        }
-    }
-    weights.retain(|w| w.1 > 1e-9);
-    weights.sort_by_key(|w| w.0);
-    match weights[..] {
-        [(v, _)] => Some(([v, v], 0.0)),
-        [(v, a), (w, b)] => Some(([v, w], b / (a + b))),
-        _ => None,
     }
 }
 

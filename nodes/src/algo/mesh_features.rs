@@ -3,11 +3,9 @@
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, section 5: features inside of the outline, which lines of the mesh do not show, are named
 //! there as work to do. Shortest ways along edges: Dijkstra 1959.
 
+use super::mesh_lines::Place;
 use super::shortest_way::shortest_way;
 use super::surface::Surface;
-
-/// A place on an edge of a mesh: its vertices, the same one twice at a vertex, and how far along.
-pub type Place = ([u32; 2], f64);
 
 /// A crossing of a painted line and an edge.
 #[derive(Clone, Copy, Debug)]

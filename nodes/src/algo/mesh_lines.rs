@@ -8,12 +8,11 @@ use nalgebra::Vector3;
 
 use super::camera::Camera;
 use super::fairing::{Fair, MOST, Origin, mixed};
+use super::hidden::Hidden;
 use super::silhouette::{Chain, Kind, Lines, chains};
 use super::surface::{Part, Surface, SurfaceError};
-use super::visibility::{DepthBuffer, Seen, Sight};
-
-/// Gaps and pieces shorter than this many pixels are noise of the depth buffer.
-const NOISE: f64 = 4.0;
+use super::visibility::{DepthBuffer, Sight};
+use super::zbuffer::project;
 
 /// How lines are looked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,10 +41,13 @@ pub enum LineError {
     },
 }
 
+/// A place on an edge of the mesh: its vertices, the same one twice at a vertex, and the share of the way from the first to the second.
+pub type Place = ([u32; 2], f64);
+
 /// A point on an edge of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinePoint {
-    /// The edge's vertices, the same one twice at a vertex.
+    /// The edge's vertices, the same one twice at a vertex. Where a line goes behind something within a triangle, those of its nearer end.
     pub edge: [u32; 2],
     /// 0 at the first, 1 at the second.
     pub share: f64,
@@ -84,16 +86,42 @@ pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     libm::hypot(a[0] - b[0], a[1] - b[1])
 }
 
-/// The lines of a mesh as a camera sees it, the longest on the screen first. Cost: O(triangles + pixels that they cover).
+/// The place a share of the way from one place to another, where both lie on one edge. Perspective is left out: it is the share on the mesh.
+pub fn between(a: Place, b: Place, share: f64) -> Option<Place> {
+    let mut weights: Vec<(u32, f64)> = Vec::with_capacity(4);
+    for (([v, w], s), part) in [(a, 1.0 - share), (b, share)] {
+        for (vertex, own) in [(v, 1.0 - s), (w, s)].into_iter().filter(|o| o.1 > 1e-9) {
+            match weights.iter_mut().find(|o| o.0 == vertex) {
+                Some(known) => known.1 += own * part,
+                None => weights.push((vertex, own * part)),
+            }
+        }
+    }
+    weights.retain(|w| w.1 > 1e-9);
+    weights.sort_by_key(|w| w.0);
+    match weights[..] {
+        [(v, _)] => Some(([v, v], 0.0)),
+        [(v, a), (w, b)] => Some(([v, w], b / (a + b))),
+        _ => None,
+    }
+}
+
+/// The lines of a mesh as a camera sees it, the longest on the screen first, with a point more wherever one goes behind something. Cost: O(triangles + pixels
+/// that they cover + lines × triangles near them).
 ///
 /// # Errors
 /// Where a position is not finite, a triangle has a vertex that there is not, or the surface would get too dense.
 pub fn find(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camera, search: &Search) -> Result<Vec<Line>, LineError> {
     let base = Surface::new(&[Part { positions, triangles, normals: &[] }], search.hard)?;
-    let depths = DepthBuffer::new(&base, camera);
-    let sight = Sight::new(&base, camera, depths.depths());
-    let tracks = tracks(&base, camera, search)?;
-    let mut lines: Vec<Line> = tracks.into_iter().map(|t| t.seen(&base, &sight)).collect();
+    let projected = project(&base, camera);
+    let depths = DepthBuffer::of(&projected, camera.size);
+    let view = View {
+        base: &base,
+        sight: Sight::new(&base, camera, depths.depths()),
+        hidden: Hidden::new(&base, camera, &projected),
+        fair: search.subdivide > 0 || search.smooth > 0,
+    };
+    let mut lines: Vec<Line> = tracks(&base, camera, search)?.iter().map(|t| view.line(t)).collect();
     lines.sort_by(|a, b| b.length().total_cmp(&a.length()));
     Ok(lines)
 }
@@ -102,7 +130,7 @@ pub fn find(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camera, sea
 struct Track {
     kind: Kind,
     closed: bool,
-    places: Vec<([u32; 2], f64)>,
+    places: Vec<Place>,
 }
 
 fn tracks(base: &Surface, camera: &Camera, search: &Search) -> Result<Vec<Track>, LineError> {
@@ -133,7 +161,7 @@ fn back(chain: &Chain, fair: &Fair, base: &Surface) -> Option<Track> {
     let all: Vec<Origin> = chain.points.iter().map(origin).collect();
     let on_edges: Vec<&Origin> = all.iter().filter(|o| o.len() < 3).collect();
     let least = if chain.closed { 3 } else { 2 };
-    let mut places: Vec<([u32; 2], f64)> = if on_edges.len() >= least {
+    let mut places: Vec<Place> = if on_edges.len() >= least {
         on_edges.into_iter().filter_map(|o| place(o, base)).collect()
     } else {
         all.iter().filter_map(|o| place(o, base)).collect()
@@ -143,7 +171,7 @@ fn back(chain: &Chain, fair: &Fair, base: &Surface) -> Option<Track> {
 }
 
 /// The nearest point of an edge to a mean of vertices.
-fn place(origin: &Origin, base: &Surface) -> Option<([u32; 2], f64)> {
+fn place(origin: &Origin, base: &Surface) -> Option<Place> {
     let mut heaviest = origin.clone();
     heaviest.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     heaviest.truncate(2);
@@ -155,37 +183,83 @@ fn place(origin: &Origin, base: &Surface) -> Option<([u32; 2], f64)> {
     }
 }
 
-impl Track {
-    fn seen(self, base: &Surface, sight: &Sight<'_>) -> Line {
-        let point = |&(edge, share): &([u32; 2], f64)| {
-            let [a, b] = edge.map(|v| base.positions[v as usize]);
-            let position = a + (b - a) * share;
-            let Some((pixel, near)) = sight.place(&position) else {
-                return LinePoint { edge, share, position, pixel: [f64::NAN; 2], visible: false, outline: false };
-            };
-            let visible = sight.seen(pixel, near, self.kind) == Seen::Yes;
-            LinePoint { edge, share, position, pixel, visible, outline: visible && sight.is_outline(pixel) }
-        };
-        let mut points: Vec<LinePoint> = self.places.iter().map(point).collect();
-        for wanted in [true, false] {
-            settle(&mut points, wanted);
-        }
-        Line { kind: self.kind, closed: self.closed, points }
-    }
+/// A place of a line on the screen.
+struct Point {
+    line: LinePoint,
+    near: f64,
 }
 
-/// Closes gaps (`visible`) or drops pieces that are too short to be real.
-fn settle(points: &mut [LinePoint], visible: bool) {
-    let mut start = 0;
-    while start < points.len() {
-        let here = points[start].visible;
-        let end = points[start..].iter().position(|p| p.visible != here).map_or(points.len(), |i| i + start);
-        let (from, to) = (start.saturating_sub(1), (end + 1).min(points.len()));
-        let length: f64 = points[from..to].windows(2).map(|p| distance(p[0].pixel, p[1].pixel)).sum();
-        if here != visible && start > 0 && end < points.len() && length < NOISE {
-            points[start..end].iter_mut().for_each(|p| p.visible = visible);
+/// What a surface shows of lines on it.
+struct View<'a> {
+    base: &'a Surface,
+    sight: Sight<'a>,
+    hidden: Hidden<'a>,
+    /// True where lines were looked for on a fairer surface, so that they lie on the mesh at their points alone.
+    fair: bool,
+}
+
+impl View<'_> {
+    fn line(&self, track: &Track) -> Line {
+        let points: Vec<Point> = track.places.iter().map(|place| self.point(*place)).collect();
+        let n = points.len();
+        let ways = if track.closed { n } else { n - 1 };
+        let parts: Vec<Vec<[f64; 2]>> = (0..ways).map(|i| self.parts(&points[i], &points[(i + 1) % n])).collect();
+        // A point is seen where the line is on either of its sides.
+        let before = |i: usize| if i > 0 { Some(i - 1) } else { track.closed.then_some(ways - 1) };
+        let seen = |i: usize| {
+            parts.get(i).is_some_and(|p| p.first().is_none_or(|p| p[0] > 0.0))
+                || before(i).is_some_and(|j| parts[j].last().is_none_or(|p| p[1] < 1.0))
+        };
+        let seen: Vec<bool> = (0..n).map(seen).collect();
+        let mut out = Vec::with_capacity(n);
+        for i in 0..n {
+            out.push(LinePoint { visible: seen[i], ..points[i].line });
+            let j = (i + 1) % n;
+            for &[from, to] in parts.get(i).map_or(&[][..], Vec::as_slice) {
+                let mut cut = |share: f64, visible: bool| out.push(LinePoint { visible, ..self.between(&points[i], &points[j], share) });
+                if from > 0.0 {
+                    cut(from, true);
+                }
+                // Between two points that are seen one says that the line is not.
+                if (from > 0.0 || seen[i]) && (to < 1.0 || seen[j]) {
+                    cut((from + to) / 2.0, false);
+                }
+                if to < 1.0 {
+                    cut(to, true);
+                }
+            }
         }
-        start = end;
+        out.iter_mut().for_each(|p| p.outline = p.visible && self.sight.is_outline(p.pixel));
+        Line { kind: track.kind, closed: track.closed, points: out }
+    }
+
+    fn point(&self, (edge, share): Place) -> Point {
+        let [a, b] = edge.map(|v| self.base.positions[v as usize]);
+        let position = a + (b - a) * share;
+        let (pixel, near) = self.sight.place(&position).unwrap_or(([f64::NAN; 2], f64::NAN));
+        Point { line: LinePoint { edge, share, position, pixel, visible: false, outline: false }, near }
+    }
+
+    /// What is hidden of the way between two points; all of it where one is behind the camera.
+    fn parts(&self, a: &Point, b: &Point) -> Vec<[f64; 2]> {
+        if a.near.is_nan() || b.near.is_nan() {
+            return vec![[0.0, 1.0]];
+        }
+        // A fair surface lies before and behind the mesh.
+        let slack = if self.fair { 5.0 * self.sight.small } else { self.sight.least };
+        self.hidden.on_surface([a, b].map(|p| p.line.edge), [a, b].map(|p| (p.line.pixel, p.near)), slack)
+    }
+
+    /// The point at a share of the way on the screen. Within a triangle it has the edge of the nearer end.
+    fn between(&self, a: &Point, b: &Point, share: f64) -> LinePoint {
+        let [from, to] = [(a, 1.0 - share), (b, share)].map(|(p, part)| self.sight.evenly(p.near) * part);
+        let along = to / (from + to);
+        let nearer = if share < 0.5 { a } else { b };
+        let places = [a, b].map(|p| (p.line.edge, p.line.share));
+        let (edge, own) = between(places[0], places[1], along).unwrap_or((nearer.line.edge, nearer.line.share));
+        let position = a.line.position + (b.line.position - a.line.position) * along;
+        let pixel = [0, 1].map(|k| a.line.pixel[k] + (b.line.pixel[k] - a.line.pixel[k]) * share);
+        LinePoint { edge, share: own, position, pixel, visible: false, outline: false }
     }
 }
 

@@ -90,7 +90,9 @@ fn the_outline_of_a_sphere_is_a_circle_and_closed() {
         let apart = hausdorff(&dense(&lines, 8.0), &truth);
         println!("sphere, perspective {in_perspective}: {apart:.3} px");
         assert!(apart < 0.3, "{apart}");
-        assert!(lines[0].points.iter().all(|p| p.visible && p.outline));
+        for p in &lines[0].points {
+            assert!(p.visible && p.outline, "{p:?}");
+        }
     }
 }
 
@@ -179,4 +181,67 @@ fn numbers_go_with_the_lines_and_are_never_given_twice() {
     assert_eq!(number(&[line(9.0), line(1.0)], &before, 8), [4, 7]);
     assert_eq!(number(&[line(9.0), line(9.5), line(0.5)], &before, 8), [4, 8, 7], "the first of equals keeps the number");
     assert_eq!(number(&[line(0.0)], &[Known { kind: Kind::Crease, ..known(7, 0.0) }], 8), [8]);
+}
+
+#[test]
+fn places_lie_between_others_on_the_same_edge_only() {
+    assert_eq!(between(([4, 4], 0.0), ([2, 2], 0.0), 0.25), Some(([2, 4], 0.75)));
+    assert_eq!(between(([2, 4], 0.5), ([4, 2], 0.0), 0.5), Some(([2, 4], 0.75)));
+    assert_eq!(between(([2, 4], 0.5), ([2, 2], 0.0), 1.0), Some(([2, 2], 0.0)));
+    assert_eq!(between(([2, 4], 0.5), ([2, 5], 0.5), 0.5), None);
+}
+
+/// Cubes from −1 to 1, scaled and moved.
+fn cubes(placed: &[([f64; 3], [f64; 3])]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for (scale, at) in placed {
+        let (own, faces) = cube();
+        let start = positions.len() as u32;
+        positions.extend(own.into_iter().map(|p| [0, 1, 2].map(|k| p[k] * scale[k] + at[k])));
+        triangles.extend(faces.into_iter().map(|t| t.map(|v| v + start)));
+    }
+    (positions, triangles)
+}
+
+/// The parts of lines that are seen, by both ends of each segment.
+fn shown(lines: &[Line]) -> Vec<[[f64; 2]; 2]> {
+    let mut out = Vec::new();
+    for line in lines {
+        let n = line.points.len();
+        for i in 0..if line.closed { n } else { n - 1 } {
+            let (a, b) = (line.points[i], line.points[(i + 1) % n]);
+            if a.visible && b.visible {
+                out.push([a.pixel, b.pixel]);
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn long_edges_are_cut_where_they_go_behind_something() {
+    // A beam behind a block: each of its long edges is one edge of the mesh, whose middle the block hides. A bolt sunk two ten-thousandths into the block.
+    let (positions, triangles) = cubes(&[([1.9, 0.3, 0.1], [0.0, 0.0, -1.0]), ([0.7; 3], [0.0; 3]), ([0.1, 0.1, 0.1], [0.2, 0.1, 0.5998])]);
+    for in_perspective in [false, true] {
+        let camera = camera(0.0, 0.0, in_perspective);
+        let lines = find(&positions, &triangles, &camera, &Search { hard: 0.0, ..search() }).unwrap();
+        let [left, _, _] = camera.project([-0.7, 0.3, 0.7]);
+        let [right, upper, _] = camera.project([0.7, 0.7, 0.7]);
+        let beam = lines.iter().filter(|l| l.points[0].edge[0] < 8).cloned().collect::<Vec<_>>();
+        let shown = shown(&beam);
+        let within = |p: [f64; 2]| p[0] > left + 1e-4 && p[0] < right - 1e-4 && p[1] > upper;
+        assert!(!shown.is_empty() && !shown.iter().flatten().any(|p| within(*p)), "{shown:?}");
+        for x in [left, right] {
+            let ends = shown.iter().flatten().filter(|p| (p[0] - x).abs() < 1e-4).count();
+            assert_eq!(ends, 2, "the upper and the lower edge end at column {x}: {shown:?}");
+        }
+        // All that is seen of the bolt is nothing.
+        assert!(lines.iter().filter(|l| l.points[0].edge[0] >= 16).all(|l| l.points.iter().all(|p| !p.visible)));
+        // What is cut lies on the mesh where it is said to.
+        for p in lines.iter().flat_map(|l| &l.points) {
+            let [a, b] = p.edge.map(|v| Vector3::from(positions[v as usize]));
+            let [x, y, _] = camera.project((a + (b - a) * p.share).into());
+            assert!(distance([x, y], p.pixel) < 1e-9, "{p:?}");
+        }
+    }
 }

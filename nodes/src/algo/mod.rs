@@ -27,6 +27,7 @@ pub mod generate;
 pub mod gltf;
 pub mod grade;
 pub mod grid;
+pub mod hidden;
 pub mod holds;
 pub mod in_plane;
 pub mod joint_angles;

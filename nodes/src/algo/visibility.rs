@@ -53,8 +53,12 @@ pub struct DepthBuffer {
 impl DepthBuffer {
     /// Draws a surface as a camera sees it. Cost: O(triangles + pixels that they cover).
     pub fn new(surface: &Surface, camera: &Camera) -> Self {
-        let projected = project(surface, camera);
-        let (area, reference) = (Area::of(&projected, camera.size), reference_of(&projected));
+        Self::of(&project(surface, camera), camera.size)
+    }
+
+    /// Draws triangles in a picture of so many columns and rows. Cost: O(triangles + pixels that they cover).
+    pub fn of(projected: &Projected, size: [usize; 2]) -> Self {
+        let (area, reference) = (Area::of(projected, size), reference_of(projected));
         let n = area.width * area.height;
         let (mut near, mut id) = (vec![f32::NEG_INFINITY; n], vec![NONE; n]);
         let all: Vec<u32> = (0..projected.triangles.len() as u32).collect();
@@ -117,6 +121,8 @@ pub struct Sight<'a> {
     orthographic: bool,
     /// A thousandth of the surface's extent.
     pub small: f64,
+    /// By how much one thing must be nearer to hide another: a hundred-thousandth of the extent.
+    pub least: f64,
     /// Depth of the surface's middle.
     pub middle: f64,
 }
@@ -136,6 +142,7 @@ impl<'a> Sight<'a> {
             depth: camera.depth_of_clip(),
             orthographic: camera.is_orthographic(),
             small: extent * 1e-3,
+            least: extent * 1e-5,
             middle: middle.max(extent * 1e-3),
         }
     }
@@ -165,8 +172,7 @@ impl<'a> Sight<'a> {
     pub fn seen(&self, at: [f64; 2], near: f64, kind: Kind) -> Seen {
         // A silhouette may lie a little behind the mesh that hides its smooth surface; the others lie on it.
         let slack = if kind == Kind::Silhouette { 5.0 } else { 3.0 };
-        // Nearness changes with the square of itself as depth does in perspective.
-        let slope = if self.orthographic { 1.0 } else { near * near };
+        let slope = self.camera.slope(near);
         match self.depths.least_around(at) - near {
             d if d <= slack * self.small * slope => Seen::Yes,
             d if d <= 40.0 * self.small * slope => Seen::Turned,

@@ -22,7 +22,8 @@ use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs};
 
 use super::anchors::{Anchor, Anchors};
-use crate::algo::correspond::{self, MeshLines, Missing, Options, Pairing, Spot, Strand, between, nearest_spot, pair};
+use crate::algo::correspond::{self, MeshLines, Missing, Options, Pairing, Spot, Strand, nearest_spot, pair};
+use crate::algo::mesh_lines::between;
 use crate::data::{Correspondences, Curves, Markers2};
 use crate::render::within;
 

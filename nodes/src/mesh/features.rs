@@ -21,7 +21,8 @@ use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs};
 use serde::Deserialize;
 
-use crate::algo::mesh_features::{Place, crossings, way};
+use crate::algo::mesh_features::{crossings, way};
+use crate::algo::mesh_lines::Place;
 use crate::algo::silhouette::Kind;
 use crate::algo::surface::{Part, Surface};
 use crate::algo::visibility::{DepthBuffer, Seen, Sight};

@@ -1,14 +1,14 @@
 //! `mesh.silhouette`: silhouettes, borders and creases of a mesh as chains of points on its edges.
 //!
-//! **Method** the zero set of n · v, interpolated over each triangle ([`crate::algo::silhouette`]): smooth chains whose points lie on edges. What is seen
-//! of them the depth buffer says. Where the mesh is coarse or rough, they are looked for on a denser and smoother one, and their points are those
+//! **Method** the zero set of n · v, interpolated over each triangle ([`crate::algo::silhouette`]): smooth chains whose points lie on edges. What is
+//! hidden of them is exact ([`crate::algo::hidden`]): a line has a point more where it goes behind something. Where the mesh is coarse or rough, they are looked for on a denser and smoother one, and their points are those
 //! where they cross edges of the mesh itself ([`crate::algo::mesh_lines`]).
 //!
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, section 3.2; Hertzmann, Zorin, *Illustrating smooth surfaces*, 2000; Loop 1987.
 //!
 //! **Fails when** a position or the camera is not finite, or the mesh would get too dense.
 //!
-//! **Cost** O(triangles + pixels that they cover) a frame. With `follow` frames run in order.
+//! **Cost** O(triangles + pixels that they cover + lines × triangles near them) a frame. With `follow` frames run in order.
 //!
 //! ```ron
 //! "lines": (type: "mesh.silhouette", mesh: "@skin", camera: "@camera", crease_deg: 40.0, smooth: 2),
@@ -30,7 +30,7 @@ use crate::render::{limited, seen_by};
 #[derive(Node)]
 #[node(
     id = "mesh.silhouette",
-    version = 1,
+    version = 2,
     kind = recurrent,
     outputs = MeshSilhouetteOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, section 3.2; Hertzmann, Zorin 2000",

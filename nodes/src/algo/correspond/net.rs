@@ -1,7 +1,7 @@
 //! The lines of a mesh as a net, and the ways in it that are most like what is drawn.
 
-use super::{Anchor, MeshLines, Place, between, mix, onto, shares};
-use crate::algo::mesh_lines::distance;
+use super::{Anchor, MeshLines, mix, onto, shares};
+use crate::algo::mesh_lines::{Place, between, distance};
 use crate::algo::shortest_way::shortest_way;
 
 /// A point of the net.

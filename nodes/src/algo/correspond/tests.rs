@@ -139,14 +139,6 @@ fn a_drawn_curve_is_followed_along_an_edge() {
 }
 
 #[test]
-fn places_lie_between_others_on_the_same_edge_only() {
-    assert_eq!(between(([4, 4], 0.0), ([2, 2], 0.0), 0.25), Some(([2, 4], 0.75)));
-    assert_eq!(between(([2, 4], 0.5), ([4, 2], 0.0), 0.5), Some(([2, 4], 0.75)));
-    assert_eq!(between(([2, 4], 0.5), ([2, 2], 0.0), 1.0), Some(([2, 2], 0.0)));
-    assert_eq!(between(([2, 4], 0.5), ([2, 5], 0.5), 0.5), None);
-}
-
-#[test]
 fn ways_go_over_where_long_segments_cross() {
     // A line of one segment goes behind another of one: no point of either is near the crossing.
     let (first, second) = ([[0.0, 10.0], [100.0, 10.0]], [[50.0, -50.0], [50.0, 60.0]]);

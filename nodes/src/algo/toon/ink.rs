@@ -4,6 +4,7 @@ use kurbo::{BezPath, Point, Shape as _};
 
 use super::{Light, on_threads, rows_of};
 use crate::algo::camera::Camera;
+use crate::algo::hidden::Hidden;
 use crate::algo::paint::{FillRule, fill_rows, ink_widths};
 use crate::algo::silhouette::{Chain, EdgePoint, Kind};
 use crate::algo::visibility::{Seen, Sight};
@@ -11,8 +12,8 @@ use crate::algo::visibility::{Seen, Sight};
 /// Between two samples of a line, pixels.
 const STEP: f64 = 1.0;
 
-/// Gaps shorter than this many pixels, and pieces shorter than so many widths of the pen, are noise of the depth buffer.
-const NOISE: f64 = 4.0;
+/// Gaps shorter than this many pixels, and pieces shorter than so many widths of the pen, are specks to the eye.
+const SPECK: f64 = 2.0;
 
 /// Longer chains than this many samples are cut short: a point next to the eye may be a million pixels away.
 const MOST: usize = 1 << 16;
@@ -48,6 +49,8 @@ struct Sample {
     near: f64,
     /// Width that the pen has there.
     width: f64,
+    /// The edge of the surface that a point of the chain lies on.
+    edge: [u32; 2],
     /// True where the chain turns, so that this place must not be smoothed away.
     corner: bool,
     seen: Seen,
@@ -57,13 +60,20 @@ struct Sample {
 struct Plotter<'a> {
     camera: &'a Camera,
     sight: Sight<'a>,
+    hidden: Hidden<'a>,
     pen: &'a Pen,
     light: &'a Light,
 }
 
 /// The visible parts of chains as strokes, in their order.
-pub(super) fn strokes(chains: &[Chain], sight: Sight<'_>, camera: &Camera, pen: &Pen, light: &Light) -> Vec<Stroke> {
-    let plotter = Plotter { camera, sight, pen, light };
+pub(super) fn strokes<'a>(
+    chains: &[Chain],
+    (sight, hidden): (Sight<'a>, Hidden<'a>),
+    camera: &'a Camera,
+    pen: &'a Pen,
+    light: &'a Light,
+) -> Vec<Stroke> {
+    let plotter = Plotter { camera, sight, hidden, pen, light };
     let mut out = Vec::new();
     for chain in chains {
         plotter.plot(chain, &mut out);
@@ -78,7 +88,7 @@ impl Plotter<'_> {
         let far = libm::pow(self.sight.middle / self.sight.depth(near).max(self.sight.small), self.pen.thin_far).clamp(0.1, 10.0);
         let dark = 1.0 + self.pen.weight * (0.5 - 0.5 * point.normal.dot(&self.light.direction));
         let base = if matches!(kind, Kind::Silhouette | Kind::Border) { self.pen.outline } else { self.pen.inner };
-        Some(Sample { at: Point::new(x, y), near, width: base * far * dark, corner: false, seen: Seen::Yes })
+        Some(Sample { at: Point::new(x, y), near, width: base * far * dark, edge: point.vertices, corner: false, seen: Seen::Yes })
     }
 
     /// Adds the strokes of a chain.
@@ -91,40 +101,58 @@ impl Plotter<'_> {
                 line.extend(line.first().copied());
             }
             mark_corners(&mut line, whole);
-            let mut dense = self.dense(&line);
-            self.look(&mut dense, chain.kind);
+            let dense = self.dense(&line, chain.kind);
             self.cut(dense, whole, chain.kind, out);
         }
     }
 
     /// Samples a pixel apart, as far as they may be in the picture.
-    fn dense(&self, line: &[Sample]) -> Vec<Sample> {
+    fn dense(&self, line: &[Sample], kind: Kind) -> Vec<Sample> {
         let margin = 4.0 * self.pen.outline.max(self.pen.inner) + 16.0;
         let [w, h] = self.camera.size.map(|n| n as f64 + margin);
         let outside = |a: Point, b: Point| a.x.max(b.x) < -margin || a.x.min(b.x) > w || a.y.max(b.y) < -margin || a.y.min(b.y) > h;
-        let mut out: Vec<Sample> = line.first().copied().into_iter().collect();
+        let mut out: Vec<Sample> = Vec::new();
         for pair in line.windows(2) {
-            let length = pair[0].at.distance(pair[1].at);
-            let steps = if outside(pair[0].at, pair[1].at) { 1 } else { (length / STEP).ceil().clamp(1.0, 4096.0) as usize };
+            let [a, b] = [pair[0], pair[1]];
+            let far = outside(a.at, b.at);
+            let hidden = if far { Vec::new() } else { self.hidden_of(a, b) };
+            let steps = if far { 1 } else { (a.at.distance(b.at) / STEP).ceil().clamp(1.0, 4096.0) as usize };
+            // A point is seen where the line is on either of its sides.
+            let seen = |t: f64| !hidden.iter().any(|p| p[0] <= t && t <= p[1]);
+            match out.last_mut() {
+                Some(last) if last.seen != Seen::Yes && seen(0.0) => last.seen = Seen::Yes,
+                Some(_) => {}
+                None => out.push(Sample { seen: self.look(&a, seen(0.0), kind), ..a }),
+            }
             for k in 1..=steps.min(MOST.saturating_sub(out.len())) {
                 let t = k as f64 / steps as f64;
                 let mix = |a: f64, b: f64| a + (b - a) * t;
-                out.push(Sample {
-                    at: pair[0].at.lerp(pair[1].at, t),
-                    near: mix(pair[0].near, pair[1].near),
-                    width: mix(pair[0].width, pair[1].width),
-                    corner: k == steps && pair[1].corner,
-                    seen: Seen::Yes,
-                });
+                let sample = Sample {
+                    at: a.at.lerp(b.at, t),
+                    near: mix(a.near, b.near),
+                    width: mix(a.width, b.width),
+                    corner: k == steps && b.corner,
+                    ..b
+                };
+                out.push(Sample { seen: self.look(&sample, seen(t), kind), ..sample });
             }
         }
         out
     }
 
-    /// Asks the depth buffer about each sample.
-    fn look(&self, line: &mut [Sample], kind: Kind) {
-        for s in line.iter_mut() {
-            s.seen = self.sight.seen([s.at.x, s.at.y], s.near, kind);
+    /// The shares of the way from one point of a chain to the next that something hides.
+    fn hidden_of(&self, a: Sample, b: Sample) -> Vec<[f64; 2]> {
+        self.hidden.on_surface([a.edge, b.edge], [a, b].map(|s| ([s.at.x, s.at.y], s.near)), self.sight.least)
+    }
+
+    /// Whether a sample is seen, and if not, what the depth buffer says of why.
+    fn look(&self, s: &Sample, seen: bool, kind: Kind) -> Seen {
+        if seen {
+            return Seen::Yes;
+        }
+        match self.sight.seen([s.at.x, s.at.y], s.near, kind) {
+            Seen::Covered => Seen::Covered,
+            _ => Seen::Turned,
         }
     }
 
@@ -207,7 +235,7 @@ fn settle(line: &mut [Sample]) {
             let end = line[start..].iter().position(|s| (s.seen == Seen::Yes) != here).map_or(line.len(), |i| i + start);
             let length: f64 = line[start..end].windows(2).map(|p| p[0].at.distance(p[1].at)).sum();
             let inside = start > 0 && end < line.len();
-            let least = if here { NOISE.max(NOISE * line[start].width) } else { NOISE };
+            let least = if here { SPECK.max(SPECK * line[start].width) } else { SPECK };
             if here != (wanted == Seen::Yes) && inside && length < least {
                 line[start..end].iter_mut().for_each(|s| s.seen = if here { Seen::Covered } else { Seen::Yes });
             }

@@ -2,7 +2,7 @@
 //!
 //! Bands of rows are drawn by themselves, on as many threads as there are; each pixel's bits depend on the scene alone. Every pixel is sampled at its
 //! centre; those where colours meet are sampled 16 times over. How much of a pixel is covered at all is not sampled but exact. Lines are
-//! the chains of [`super::silhouette`], cut where the depth buffer hides them, and drawn with a pen whose width may change.
+//! the chains of [`super::silhouette`], cut where triangles hide them ([`super::hidden`]), and drawn with a pen whose width may change.
 //!
 //! **Source** Hertzmann and Zorin, *Illustrating smooth surfaces*, 2000; Northrup and Markosian, *Artistic silhouettes: a hybrid approach*, 2000
 //! (visibility and linking on the screen); the look of Li, Gleicher, Xu and Shum, *Stylizing Motion with Drawings*, 2003.
@@ -20,6 +20,7 @@ pub use shade::{Highlight, Light, Paint};
 pub use texture::Texture;
 
 use super::camera::Camera;
+use super::hidden::Hidden;
 use super::refine::refine;
 use super::silhouette::{Lines, chains};
 use super::surface::{Edge, Surface};
@@ -56,7 +57,7 @@ pub struct Render {
     pub id: Vec<f32>,
 }
 
-/// Draws a surface as a camera sees it. Cost: O(triangles × bands + pixels touched + length of lines).
+/// Draws a surface as a camera sees it. Cost: O(triangles × bands + pixels touched + length of lines + triangles near them).
 pub fn render(mut surface: Surface, camera: &Camera, mut style: Style<'_>) -> Render {
     if let Some(tolerance) = style.round {
         let between = refine(&mut surface, camera, tolerance);
@@ -84,7 +85,8 @@ fn draw(surface: &Surface, camera: &Camera, style: &Style<'_>) -> Render {
         };
         let found = chains(surface, camera.toward(), lines, differ);
         let depths = Depths { near: &near.0, reference: near.1, area };
-        let strokes = ink::strokes(&found, Sight::new(surface, camera, depths), camera, &pen, &style.light);
+        let sight = (Sight::new(surface, camera, depths), Hidden::new(surface, camera, &projected));
+        let strokes = ink::strokes(&found, sight, camera, &pen, &style.light);
         ink::lay(&strokes, pen.colour, width, &mut out.image, style.threads);
     }
     out
