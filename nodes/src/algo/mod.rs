@@ -46,6 +46,7 @@ pub mod mesh_lines;
 pub mod mffd;
 pub mod motion;
 pub mod motion_warp;
+pub mod outline;
 pub mod paint;
 pub mod pca;
 pub mod pins;

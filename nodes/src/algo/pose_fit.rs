@@ -123,6 +123,25 @@ impl Figure {
         self.unknowns.len()
     }
 
+    /// Joints that turn, parents first, with the joints that hang on each, itself among them.
+    pub fn turning(&self) -> impl Iterator<Item = (usize, &[usize])> {
+        self.unknowns.iter().filter_map(|u| if let Unknown::Turn(j, 0) = u { Some((*j, &self.below[*j][..])) } else { None })
+    }
+
+    /// The unknowns with which a joint that may turn, and all that hangs on it, is turned further about an axis of the world, by radians.
+    pub fn swung(&self, x: &DVector<f64>, joint: usize, axis: &Vector3<f64>, angle: f64) -> DVector<f64> {
+        let mut out = x.clone();
+        let Some(first) = self.unknowns.iter().position(|u| *u == Unknown::Turn(joint, 0)) else { return out };
+        // Of scaled and mirrored joints the turn alone: what stands on the axis stays there.
+        let linear = self.world(&self.joints(x))[joint].fixed_view::<3, 3>(0, 0).into_owned();
+        let Some(own) = linear.try_inverse().and_then(|i| (i * axis).try_normalize(1e-12)) else { return out };
+        let angle = if linear.determinant() < 0.0 { -angle } else { angle };
+        let turn = turned(&Vector3::from_fn(|k, _| x[first + k])) * turned(&(own * angle));
+        let v = super::rotation::log(&super::rotation::near(&turn, &UnitQuaternion::identity())) * 2.0;
+        (0..3).for_each(|k| out[first + k] = v[k]);
+        out
+    }
+
     /// The joints for a set of unknowns.
     pub fn joints(&self, x: &DVector<f64>) -> Vec<Joint> {
         let mut out = self.start.clone();
@@ -358,24 +377,48 @@ pub fn project(figure: &Figure, camera: &Camera, points: &[Bound], x: &DVector<f
     points.iter().map(|p| seen(camera, &matrix, &place(p, &world)).map_or(Vector2::repeat(f64::NAN), |s| s.0)).collect()
 }
 
-/// A place of an outline with the direction out of the figure.
+/// A short, straight piece of an outline with the direction out of the figure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rim {
-    /// Column and row.
+    /// Column and row of its middle.
     pub at: Vector2<f64>,
     /// Of length one, out of the figure.
     pub out: Vector2<f64>,
+    /// How long it is, pixels.
+    pub length: f64,
 }
 
-/// Goals that bring an outline of the mesh to the drawn one: each of its points to the nearest drawn place, and to each drawn place the nearest of its points,
+impl Rim {
+    /// The square of a place's distance from the piece.
+    fn square(&self, p: &Vector2<f64>) -> f64 {
+        let off = p - self.at;
+        let beside = (off.perp(&self.out).abs() - self.length / 2.0).max(0.0);
+        beside * beside + off.dot(&self.out).powi(2)
+    }
+}
+
+/// The mean distance between outlines, both ways, pixels; NaN where one is empty. Cost: O(points · drawn places).
+pub fn apart(own: &[(Bound, Rim)], drawn: &[Rim]) -> f64 {
+    let nearest =
+        |p: &Rim, all: &mut dyn Iterator<Item = &Rim>| all.map(|q| q.square(&p.at)).fold(f64::INFINITY, f64::min).sqrt() * p.length;
+    if own.is_empty() || drawn.is_empty() {
+        return f64::NAN;
+    }
+    let to: f64 = own.iter().map(|p| nearest(&p.1, &mut drawn.iter())).sum::<f64>() / own.iter().map(|p| p.1.length).sum::<f64>();
+    let from: f64 =
+        drawn.iter().map(|p| nearest(p, &mut own.iter().map(|o| &o.1))).sum::<f64>() / drawn.iter().map(|p| p.length).sum::<f64>();
+    (to + from) / 2.0
+}
+
+/// Goals that bring an outline of the mesh to the drawn one: each of its pieces to the nearest drawn one, and to each drawn piece the nearest of its own,
 /// where both face the same way within 60 degrees and lie within `reach` pixels; along the drawn normal. Weights fall off by Geman and McClure's function with
-/// `bend` pixels. Cost: O(points · drawn places).
+/// `bend` pixels and go with lengths, so that a dense mesh says no more than a coarse one; all together weigh `weight` before that. Cost: O(points · drawn places).
 pub fn outline_goals(own: &[(Bound, Rim)], drawn: &[Rim], reach: f64, bend: f64, weight: f64) -> Vec<Goal> {
     let nearest = |from: &Rim, all: &mut dyn Iterator<Item = (usize, &Rim)>| {
         let mut best: Option<(f64, usize)> = None;
         for (i, to) in all {
-            let d = (to.at - from.at).norm_squared();
-            if from.out.dot(&to.out) > 0.5 && d <= reach * reach && best.is_none_or(|b| d < b.0) {
+            let d = to.square(&from.at);
+            if d <= reach * reach && best.is_none_or(|b| d < b.0) && from.out.dot(&to.out) > 0.5 {
                 best = Some((d, i));
             }
         }
@@ -389,15 +432,16 @@ pub fn outline_goals(own: &[(Bound, Rim)], drawn: &[Rim], reach: f64, bend: f64,
     let mut out = Vec::new();
     for point in own {
         if let Some(i) = nearest(&point.1, &mut drawn.iter().enumerate()) {
-            out.push(goal(point, &drawn[i]));
+            out.push((goal(point, &drawn[i]), point.1.length));
         }
     }
     for to in drawn {
         if let Some(i) = nearest(to, &mut own.iter().map(|p| &p.1).enumerate()) {
-            out.push(goal(&own[i], to));
+            out.push((goal(&own[i], to), to.length));
         }
     }
-    out
+    let whole: f64 = out.iter().map(|(_, length)| length).sum();
+    out.into_iter().map(|(goal, length)| Goal { weight: goal.weight * (length / whole).sqrt(), ..goal }).collect()
 }
 
 #[cfg(test)]
@@ -477,5 +521,52 @@ mod tests {
         let before = figure.world(&start);
         let bone = |w: &[Matrix4<f64>]| (w[2].column(3) - w[1].column(3)).norm();
         assert!((bone(&world) / bone(&before) - 2.0).abs() < 1e-9, "the bone is twice as long");
+    }
+    #[test]
+    fn a_swung_joint_turns_about_the_axis_with_all_that_hangs_on_it_and_stays_in_its_place() {
+        let (parents, mut start) = chain(4);
+        start.iter_mut().for_each(|j| j.scale = Vector3::repeat(1.0));
+        let figure = Figure::new(&parents, &start, &all(4)).unwrap();
+        let x = DVector::from_fn(figure.n_unknowns(), |i, _| 0.3 * ((i * 7 % 5) as f64 / 5.0 - 0.4));
+        let axis = Vector3::new(0.3, -0.2, 0.9).normalize();
+        assert_eq!(figure.turning().map(|(j, below)| (j, below.len())).collect::<Vec<_>>(), [(0, 4), (1, 3), (2, 2), (3, 1)]);
+        let before = figure.world(&figure.joints(&x));
+        let after = figure.world(&figure.joints(&figure.swung(&x, 1, &axis, 0.7)));
+        let turn = UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(axis), 0.7);
+        let about = before[1].column(3).xyz();
+        for j in 1..4 {
+            let to = about + turn * (before[j].column(3).xyz() - about);
+            assert!((after[j].column(3).xyz() - to).norm() < 1e-12, "{j}");
+        }
+        assert_eq!(after[0], before[0]);
+        let still = Figure::new(&parents, &start, &Free { root: true, turn: vec![], length: vec![], scale: vec![] }).unwrap();
+        assert_eq!(still.swung(&DVector::zeros(3), 1, &axis, 0.7), DVector::zeros(3), "what may not turn does not");
+    }
+
+    /// A square of pieces of two pixels, its middle at `(x, 0)`.
+    fn square(x: f64) -> Vec<Rim> {
+        let side = |out: Vector2<f64>| {
+            let along = Vector2::new(-out.y, out.x);
+            (-5..5).map(move |k| Rim { at: Vector2::new(x, 0.0) + out * 10.0 + along * (2.0 * f64::from(k) + 1.0), out, length: 2.0 })
+        };
+        [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]].into_iter().flat_map(|o| side(o.into())).collect()
+    }
+
+    #[test]
+    fn outlines_are_apart_by_their_mean_distance_and_pieces_count_by_their_length() {
+        let own = |rims: Vec<Rim>| rims.into_iter().map(|r| (Bound::new(), r)).collect::<Vec<_>>();
+        assert_eq!(apart(&own(square(0.0)), &square(0.0)), 0.0);
+        // Half a piece along, all lie on each other but the ends, which stand out by half a pixel; two sides are a pixel off.
+        let off = apart(&own(square(1.0)), &square(0.0));
+        assert!((off - 0.5).abs() < 0.06, "{off}");
+        assert!(apart(&[], &square(0.0)).is_nan());
+        // Ten times as many pieces of a side say no more.
+        let mut fine = square(0.0);
+        let first = fine.remove(0);
+        fine.extend((0..10).map(|_| Rim { length: 0.2, ..first }));
+        let weight = |rims| outline_goals(&own(rims), &square(0.5), 4.0, 2.0, 3.0).iter().map(|g| g.weight * g.weight).sum::<f64>();
+        assert!((weight(fine) - weight(square(0.0))).abs() < 1e-9);
+        let all = outline_goals(&own(square(0.0)), &square(0.0), 4.0, 2.0, 3.0).iter().map(|g| g.weight * g.weight).sum::<f64>();
+        assert!((all - 9.0).abs() < 1e-9);
     }
 }

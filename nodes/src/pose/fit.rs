@@ -13,20 +13,13 @@
 //! "posed": (type: "pose.fit", mesh: "@ant.mesh", skeleton: "@ant.skeleton", pose: "@ant.pose", camera: "@camera", markers: "@joints", lengths: ["shin.L"]),
 //! ```
 
-use nalgebra::{DVector, Matrix4, Vector2, Vector3};
+use nalgebra::{DVector, Vector2, Vector3};
 use pegbar_engine::node::{Context, In, NodeError, PerFrame};
 use pegbar_engine::value::Curve;
 use pegbar_engine::{Node, Outputs};
 
-use crate::algo::camera;
-use crate::algo::curve_trace::InkStyle;
-use crate::algo::mesh_lines::{Search, distance, find};
-use crate::algo::pose_fit::{Bound, Figure, Free, Goal, Priors, Rim, improve, outline_goals, project};
-use crate::algo::silhouette::Lines;
-use crate::algo::skeleton::{Joint, world_from_joint};
-use crate::algo::skin::Skin;
-use crate::algo::trace::trace;
-use crate::curve::ink_of;
+use super::fit_outline::{Best, Body, Search, drawn_outline};
+use crate::algo::pose_fit::{Bound, Figure, Free, Goal, Priors, improve, project};
 use crate::data::{Camera, Image, Markers2, Pose, Skeleton, SkinnedMesh};
 use crate::render::{limited, seen_by, within};
 
@@ -34,7 +27,7 @@ use crate::render::{limited, seen_by, within};
 #[derive(Node)]
 #[node(
     id = "pose.fit",
-    version = 2,
+    version = 3,
     outputs = PoseFitOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, section 3.1",
     example = "\"posed\": (type: \"pose.fit\", mesh: \"@ant.mesh\", skeleton: \"@ant.skeleton\", pose: \"@ant.pose\", camera: \"@camera\", markers: \"@joints\", lengths: [\"shin.L\"])"
@@ -106,131 +99,6 @@ pub(crate) struct PoseFitOutputs {
     pub(crate) steps: Curve,
 }
 
-/// Between two places of the drawn outline that are looked at, pixels.
-const STEP: f64 = 2.0;
-
-/// The surface that the joints move.
-struct Body {
-    skin: Skin,
-    inverse_bind: Vec<Matrix4<f64>>,
-    triangles: Vec<[u32; 3]>,
-    bound: Vec<Bound>,
-}
-
-impl Body {
-    fn new(mesh: &SkinnedMesh, n: usize) -> Result<Self, NodeError> {
-        let refused = |e: String| NodeError::input(format!("mesh: {e}"));
-        mesh.validate().map_err(refused)?;
-        if mesh.n_joints() != n {
-            return Err(refused(format!("expected {n} joints as in the skeleton, found {}", mesh.n_joints())));
-        }
-        let influences = mesh.joints.shape()[1];
-        let (joints, weights) = (mesh.joints.data(), mesh.weights.data());
-        let skin = Skin::new(&mesh.positions, &[], influences, joints, weights, n).map_err(refused)?;
-        let inverse_bind = mesh.inverse_bind();
-        let bound = |v: usize| -> Bound {
-            let range = v * influences..(v + 1) * influences;
-            let sum: f64 = weights[range.clone()].iter().sum();
-            let p = Vector3::from(mesh.positions[v]);
-            let own = joints[range.clone()].iter().zip(&weights[range]).filter(|(_, w)| **w != 0.0 && sum > 0.0);
-            own.map(|(&j, w)| (j as usize, w / sum, (inverse_bind[j as usize] * p.push(1.0)).xyz())).collect()
-        };
-        let bound = (0..mesh.positions.len()).map(bound).collect();
-        Ok(Self { skin, inverse_bind, triangles: mesh.triangles.to_vec(), bound })
-    }
-
-    /// The outermost outline as it is seen, with the points that it is made of.
-    fn outline(&self, world: &[Matrix4<f64>], camera: &camera::Camera) -> Result<Vec<(Bound, Rim)>, NodeError> {
-        let motions: Vec<Matrix4<f64>> = world.iter().zip(&self.inverse_bind).map(|(w, b)| w * b).collect();
-        let (positions, _) = self.skin.pose(&motions, false).map_err(|e| NodeError::input(format!("pose: {e}")))?;
-        let search =
-            Search { lines: Lines { crease: None, seams: false, ..Lines::default() }, hard: std::f64::consts::PI, subdivide: 0, smooth: 0 };
-        let lines = find(&positions, &self.triangles, camera, &search).map_err(|e| NodeError::input(format!("mesh: {e}")))?;
-        let mut normals = vec![Vector3::zeros(); positions.len()];
-        for t in &self.triangles {
-            let [a, b, c] = t.map(|v| Vector3::from(positions[v as usize]));
-            t.iter().for_each(|v| normals[*v as usize] += (b - a).cross(&(c - a)));
-        }
-        let mut out = Vec::new();
-        for line in &lines {
-            let mut last: Option<[f64; 2]> = None;
-            for p in line.points.iter().filter(|p| p.outline) {
-                if last.is_some_and(|l| distance(l, p.pixel) < STEP) {
-                    continue;
-                }
-                let [a, b] = p.edge.map(|v| v as usize);
-                let normal = (normals[a] * (1.0 - p.share) + normals[b] * p.share).try_normalize(1e-300).unwrap_or_else(Vector3::zeros);
-                let small = 1e-4 * (1.0 + p.position.norm());
-                let [x, y, _] = camera.project((p.position + normal * small).into());
-                let Some(away) = Vector2::new(x - p.pixel[0], y - p.pixel[1]).try_normalize(1e-9) else { continue };
-                let mut point: Bound = self.bound[a].iter().map(|(j, w, q)| (*j, w * (1.0 - p.share), *q)).collect();
-                point.extend(self.bound[b].iter().map(|(j, w, q)| (*j, w * p.share, *q)));
-                out.push((point, Rim { at: Vector2::from(p.pixel), out: away }));
-                last = Some(p.pixel);
-            }
-        }
-        Ok(out)
-    }
-}
-
-/// The outline of a drawing: of its alpha where something is transparent, else of all that ink goes around.
-fn drawn_outline(image: &Image, threshold: f64) -> Result<Vec<Rim>, NodeError> {
-    let window = image.display_window();
-    let rgba = crate::render::rgba(image, window)?;
-    let alpha: Vec<f32> = rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();
-    let (width, height) = (window.width, window.height);
-    let clear = alpha.iter().any(|a| *a < 0.5);
-    let mask = if clear {
-        alpha
-    } else {
-        filled(&ink_of(image, &InkStyle { ink: None, paper: None, threshold })?.amount, width, height, threshold)
-    };
-    let outlines = trace(&mask, width, height, 0.5).map_err(|e| NodeError::input(format!("drawing: {e}")))?;
-    let mut out = Vec::new();
-    for o in outlines.iter().filter(|o| o.area.abs() > 16.0) {
-        let n = o.points.len();
-        let mut last: Option<[f64; 2]> = None;
-        for i in 0..n {
-            let p = o.points[i];
-            // Where the figure leaves the picture there is no outline.
-            let inside = p[0] > 1.0 && p[1] > 1.0 && p[0] < width as f64 - 1.0 && p[1] < height as f64 - 1.0;
-            if !inside || last.is_some_and(|l| distance(l, p) < STEP) {
-                continue;
-            }
-            let (a, b) = (o.points[(i + n - 2.min(n - 1)) % n], o.points[(i + 2) % n]);
-            // Layers lie to the right of their outlines on the screen, so that their outside is to the left.
-            if let Some(away) = Vector2::new(b[1] - a[1], a[0] - b[0]).try_normalize(1e-9) {
-                let at = Vector2::new(p[0] + window.x as f64, p[1] + window.y as f64);
-                out.push(Rim { at, out: away });
-                last = Some(p);
-            }
-        }
-    }
-    Ok(out)
-}
-
-/// Ink and all that no way from the border leads to.
-fn filled(ink: &[f32], width: usize, height: usize, threshold: f64) -> Vec<f32> {
-    let is_paper = |i: usize| f64::from(ink[i]) < threshold;
-    let mut outside = vec![false; ink.len()];
-    let border = (0..width).flat_map(|x| [x, (height.saturating_sub(1)) * width + x]);
-    let border = border.chain((0..height).flat_map(|y| [y * width, y * width + width.saturating_sub(1)]));
-    let mut open: Vec<usize> = border.filter(|&i| i < ink.len() && is_paper(i)).collect();
-    open.iter().for_each(|&i| outside[i] = true);
-    while let Some(i) = open.pop() {
-        let (x, y) = (i % width, i / width);
-        let next =
-            [(x > 0).then(|| i - 1), (x + 1 < width).then(|| i + 1), (y > 0).then(|| i - width), (y + 1 < height).then(|| i + width)];
-        for n in next.into_iter().flatten() {
-            if !outside[n] && is_paper(n) {
-                outside[n] = true;
-                open.push(n);
-            }
-        }
-    }
-    ink.iter().zip(outside).map(|(v, out)| if out { *v } else { 1.0 }).collect()
-}
-
 impl PoseFit {
     fn chosen(&self, names: &[String], input: &str) -> Result<Vec<bool>, NodeError> {
         let n = self.skeleton.n_joints();
@@ -293,37 +161,6 @@ impl PoseFit {
     }
 }
 
-/// The mean distance between outlines, both ways.
-fn apart(own: &[(Bound, Rim)], drawn: &[Rim]) -> f64 {
-    let nearest = |p: &Rim, all: &mut dyn Iterator<Item = &Rim>| all.map(|q| (q.at - p.at).norm()).fold(f64::INFINITY, f64::min);
-    if own.is_empty() || drawn.is_empty() {
-        return f64::NAN;
-    }
-    let to: f64 = own.iter().map(|p| nearest(&p.1, &mut drawn.iter())).sum::<f64>() / own.len() as f64;
-    let from: f64 = drawn.iter().map(|p| nearest(p, &mut own.iter().map(|o| &o.1))).sum::<f64>() / drawn.len() as f64;
-    (to + from) / 2.0
-}
-
-/// The best unknowns so far, with the errors of markers and outline.
-struct Best {
-    score: f64,
-    x: DVector<f64>,
-    errors: [f64; 2],
-}
-
-impl Best {
-    fn new(x: DVector<f64>) -> Self {
-        Self { score: f64::INFINITY, x, errors: [f64::NAN; 2] }
-    }
-
-    fn offer(&mut self, score: f64, x: &DVector<f64>, errors: [f64; 2]) {
-        // Not that of an outline that is not there, which is NaN.
-        if score < self.score {
-            *self = Self { score, x: x.clone(), errors };
-        }
-    }
-}
-
 impl PerFrame for PoseFit {
     fn run(self, cx: &Context) -> Result<PoseFitOutputs, NodeError> {
         self.check_numbers()?;
@@ -342,48 +179,36 @@ impl PerFrame for PoseFit {
             return Err(NodeError::input("drawing: expected a figure with an outline, found none").help("`threshold` says what is ink"));
         }
         let priors = Priors { turn: self.turn_prior, length: self.length_prior, scale: self.scale_prior };
-        let world = |x: &DVector<f64>| {
-            let local: Vec<Matrix4<f64>> = figure.joints(x).iter().map(Joint::matrix).collect();
-            world_from_joint(&self.skeleton.parents, &local).map_err(|e| NodeError::input(format!("skeleton: {e}")))
-        };
         let points: Vec<Bound> = markers.iter().map(|g| g.point.clone()).collect();
         let marker_error = |x: &DVector<f64>| {
             let offs = project(&figure, &camera, &points, x);
             let sum: f64 = offs.iter().zip(&markers).map(|(p, g)| (p - g.at).norm()).sum();
             if markers.is_empty() { 0.0 } else { sum / markers.len() as f64 }
         };
-        let mut x = DVector::zeros(figure.n_unknowns());
-        let mut best = Best::new(x.clone());
-        let mut look = |x: &DVector<f64>, own: &[(Bound, Rim)], drawn: &[Rim]| {
-            let (outline, marker) = (apart(own, drawn), marker_error(x));
-            best.offer(self.outline_weight * 20.0 * outline + self.marker_weight * markers.len() as f64 * marker, x, [marker, outline]);
-        };
-        if let Some((drawn, body)) = &outline {
-            look(&x, &body.outline(&world(&x)?, &camera)?, drawn);
-        }
-        let mut steps = if markers.is_empty() { 0 } else { improve(&figure, &camera, &markers, &priors, &mut x, 100) };
-        if let Some((drawn, body)) = &outline {
-            for round in 0..self.rounds {
-                cx.check()?;
-                // From far and loose to near and firm.
-                let t = f64::from(round) / f64::from(self.rounds.max(2) - 1);
-                let reach = self.reach * libm::pow((4.0 / self.reach).min(1.0), t);
-                let own = body.outline(&world(&x)?, &camera)?;
-                look(&x, &own, drawn);
-                let mut goals = outline_goals(&own, drawn, reach, reach / 2.0, 1.0);
-                let weight = self.outline_weight * (20.0 / goals.len().max(1) as f64).sqrt();
-                goals.iter_mut().for_each(|g| g.weight *= weight);
-                goals.extend(markers.iter().cloned());
-                steps += improve(&figure, &camera, &goals, &priors, &mut x, 4);
-            }
-            look(&x, &body.outline(&world(&x)?, &camera)?, drawn);
-            if !best.score.is_finite() {
-                return Err(NodeError::input("mesh: expected an outline with an outside in the picture, found none")
-                    .help("a flat, open mesh that faces the camera has none, nor one out of the picture; fit it by markers alone"));
-            }
+        let start = DVector::zeros(figure.n_unknowns());
+        let (best, steps) = if let Some((drawn, body)) = &outline {
+            let search = Search {
+                cx,
+                figure: &figure,
+                parents: &self.skeleton.parents,
+                camera: &camera,
+                body,
+                drawn,
+                markers: &markers,
+                marker_error: &marker_error,
+                priors,
+                weights: [self.marker_weight, self.outline_weight],
+                reach: self.reach,
+                rounds: self.rounds,
+                best: Best::new(start),
+                steps: 0,
+            };
+            search.run(self.root)?
         } else {
-            best = Best { score: 0.0, errors: [marker_error(&x), 0.0], x };
-        }
+            let mut x = start;
+            let steps = improve(&figure, &camera, &markers, &priors, &mut x, 100);
+            (Best { score: 0.0, errors: [marker_error(&x), 0.0], x }, steps)
+        };
         let [marker_error, outline_error] = best.errors;
         Ok(PoseFitOutputs {
             pose: figure.joints(&best.x).into_iter().collect(),
@@ -391,24 +216,5 @@ impl PerFrame for PoseFit {
             outline_error: Curve { value: outline_error },
             steps: Curve { value: f64::from(steps) },
         })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_best_pose_is_kept_with_its_errors() {
-        let at = |v: f64| DVector::from_element(2, v);
-        let mut best = Best::new(at(0.0));
-        best.offer(f64::NAN, &at(1.0), [f64::NAN; 2]);
-        assert!(!best.score.is_finite() && best.x == at(0.0));
-        best.offer(3.0, &at(2.0), [1.0, 2.0]);
-        best.offer(4.0, &at(3.0), [2.0, 2.0]);
-        best.offer(3.0, &at(4.0), [0.0, 3.0]);
-        assert!(best.x == at(2.0) && best.errors == [1.0, 2.0], "the first of several that are as good");
-        best.offer(2.0, &at(5.0), [0.5, 1.5]);
-        assert!(best.x == at(5.0) && best.errors == [0.5, 1.5]);
     }
 }

@@ -3,6 +3,7 @@
 mod align_2d;
 mod descriptor;
 mod fit;
+mod fit_outline;
 mod joint_angles;
 mod markers;
 mod mesh_pin;

@@ -3,6 +3,21 @@
 use super::error::{GltfError, item, malformed};
 use super::{Document, json};
 
+/// Component types of what is measured: floats, and integers that stand for them.
+pub(super) const REAL: &[u32] = &[5120, 5121, 5122, 5123, 5126];
+/// Component types of what must not be rounded.
+pub(super) const FLOAT: &[u32] = &[5126];
+/// Component types of numbers of vertices and elements.
+pub(super) const INDEX: &[u32] = &[5121, 5123, 5125];
+/// Component types of numbers of joints.
+pub(super) const JOINT: &[u32] = &[5121, 5123];
+
+/// Holds a component type against those that may be.
+fn allowed(kind: u32, kinds: &[u32], at: &str) -> Result<(), GltfError> {
+    let listed = || kinds.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+    if kinds.contains(&kind) { Ok(()) } else { Err(malformed(at, format!("expected a componentType of {}, found {kind}", listed()))) }
+}
+
 /// Bytes of a component.
 fn component_size(kind: u32, at: &str) -> Result<usize, GltfError> {
     match kind {
@@ -97,18 +112,19 @@ impl Document {
         Ok(Layout { bytes, stride, each, kind, width, normalized })
     }
 
-    /// All numbers of an accessor whose type is one of `shapes`, element by element; integers that stand for fractions as fractions.
+    /// All numbers of an accessor whose type is one of `shapes` and whose component type one of `kinds`, element by element; integers that stand for
+    /// fractions as fractions.
     ///
     /// # Errors
     /// Where there is no such accessor, it is of another type, or it reaches beyond its bytes.
-    pub(super) fn numbers(&self, index: usize, shapes: &[&str], at: &str) -> Result<Vec<f64>, GltfError> {
+    pub(super) fn numbers(&self, index: usize, shapes: &[&str], kinds: &[u32], at: &str) -> Result<Vec<f64>, GltfError> {
         let accessor = item(&self.root.accessors, "accessors", index, at)?;
         let at = format!("accessors[{index}]");
         if !shapes.contains(&accessor.shape.as_str()) {
             return Err(malformed(&at, format!("expected the type {}, found {:?}", shapes.join(" or "), accessor.shape)));
         }
         let what = (accessor.component_type, width(&accessor.shape, &at)?, accessor.normalized);
-        component_size(what.0, &at)?;
+        allowed(what.0, kinds, &at)?;
         let count = accessor.count;
         let dense = accessor.buffer_view.map(|view| self.layout(view, accessor.byte_offset, count, what, &at)).transpose()?;
         self.spend(count.saturating_mul(what.1), &at)?;
@@ -135,11 +151,17 @@ impl Document {
             return Err(malformed(&at, format!("expected at most {count} elements, found {}", sparse.count)));
         }
         let (i, v) = (&sparse.indices, &sparse.values);
+        allowed(i.component_type, INDEX, &format!("{at}.indices"))?;
         let indices = self.layout(i.buffer_view, i.byte_offset, sparse.count, (i.component_type, 1, false), &at)?;
         let values = self.layout(v.buffer_view, v.byte_offset, sparse.count, what, &at)?;
+        let mut last = -1.0;
         for element in 0..sparse.count {
             let mut place = [0.0];
             indices.put(element, &mut place);
+            if place[0] <= last {
+                return Err(malformed(format!("{at}.indices"), format!("expected indices that ascend, found {} after {last}", place[0])));
+            }
+            last = place[0];
             let to = place[0] as usize;
             let slot = (place[0] >= 0.0 && to < count).then(|| out.get_mut(to * what.1..(to + 1) * what.1)).flatten();
             let slot = slot.ok_or_else(|| malformed(&at, format!("expected an element below {count}, found {}", place[0])))?;
@@ -149,8 +171,14 @@ impl Document {
     }
 
     /// As [`Document::numbers`] of finite numbers, in vectors of `N`.
-    pub(super) fn vectors<const N: usize>(&self, index: usize, shapes: &[&str], at: &str) -> Result<Vec<[f64; N]>, GltfError> {
-        let numbers = self.numbers(index, shapes, at)?;
+    pub(super) fn vectors<const N: usize>(
+        &self,
+        index: usize,
+        shapes: &[&str],
+        kinds: &[u32],
+        at: &str,
+    ) -> Result<Vec<[f64; N]>, GltfError> {
+        let numbers = self.numbers(index, shapes, kinds, at)?;
         match numbers.iter().position(|v| !v.is_finite()) {
             Some(i) => {
                 Err(malformed(format!("accessors[{index}]"), format!("element {}: expected finite numbers, found {}", i / N, numbers[i])))

@@ -2,6 +2,7 @@
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
+use super::accessor::{FLOAT, REAL};
 use super::error::{GltfError, item, malformed};
 use super::{Document, Pick, Rig, json, listed};
 use crate::algo::rotation::slerp;
@@ -41,6 +42,32 @@ pub struct Sample {
 }
 
 impl Track {
+    /// Holds keys against what can be followed.
+    fn check(&self) -> Result<(), String> {
+        let (times, values) = (&self.times, &self.values);
+        if times.is_empty() {
+            return Err("expected a key at least, found none".to_owned());
+        }
+        if let Some(k) = times.iter().position(|t| !t.is_finite()) {
+            return Err(format!("key {k}: expected a finite time, found {}", times[k]));
+        }
+        if let Some(k) = times.windows(2).position(|w| w[0] >= w[1]) {
+            return Err(format!("key {}: expected times that ascend, found {} after {}", k + 1, times[k + 1], times[k]));
+        }
+        let each = self.width * if self.interpolation == Interpolation::Cubic { 3 } else { 1 };
+        if values.len() != times.len() * each {
+            return Err(format!("expected {} numbers for {} keys, found {}", times.len() * each, times.len(), values.len()));
+        }
+        if let Some(i) = values.iter().position(|v| !v.is_finite()) {
+            return Err(format!("key {}: expected finite numbers, found {}", i / each, values[i]));
+        }
+        let still = |k: &usize| self.path == Path::Rotation && self.value(*k).iter().map(|v| v * v).sum::<f64>() < 1e-12;
+        match (0..times.len()).find(still) {
+            Some(k) => Err(format!("key {k}: expected a unit quaternion, found one without length")),
+            None => Ok(()),
+        }
+    }
+
     fn key(&self, k: usize, part: usize) -> &[f64] {
         let parts = if self.interpolation == Interpolation::Cubic { 3 } else { 1 };
         let start = (k * parts + part.min(parts - 1)) * self.width;
@@ -124,8 +151,12 @@ impl Document {
             "rotation" => Path::Rotation,
             "scale" => Path::Scale,
             "weights" => Path::Weights,
-            // Paths of extensions move nothing that is read.
-            _ => return Ok(None),
+            // That of KHR_animation_pointer moves nothing that is read.
+            "pointer" => return Ok(None),
+            other => {
+                let message = format!("expected the path translation, rotation, scale or weights, found {other:?}");
+                return Err(malformed(format!("{at}.target"), message));
+            }
         };
         let Some(node) = channel.target.node else { return Ok(None) };
         let targets = self.n_targets(item(&self.root.nodes, "nodes", node, &at)?)?;
@@ -142,16 +173,11 @@ impl Document {
             Path::Rotation => (4, "VEC4"),
             Path::Weights => (targets, "SCALAR"),
         };
-        let times = self.numbers(sampler.input, &["SCALAR"], &at)?;
-        let values = self.numbers(sampler.output, &[shape], &at)?;
-        if times.is_empty() || times.iter().any(|t| !t.is_finite()) || times.windows(2).any(|w| w[0] >= w[1]) {
-            return Err(malformed(at, "expected times that ascend, found none or others"));
-        }
-        let expected = times.len() * width * if interpolation == Interpolation::Cubic { 3 } else { 1 };
-        if values.len() != expected || values.iter().any(|v| !v.is_finite()) {
-            return Err(malformed(at, format!("expected {expected} finite numbers, found {}", values.len())));
-        }
-        Ok(Some(Track { node, path, interpolation, times, values, width }))
+        let times = self.numbers(sampler.input, &["SCALAR"], FLOAT, &at)?;
+        let values = self.numbers(sampler.output, &[shape], REAL, &at)?;
+        let track = Track { node, path, interpolation, times, values, width };
+        track.check().map_err(|message| malformed(at, message))?;
+        Ok(Some(track))
     }
 
     /// Morph targets of a node's mesh.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::accessor::{INDEX, JOINT, REAL};
 use super::error::{GltfError, item, malformed};
 use super::{Document, Pick, Rig, Sample, json, listed};
 use crate::algo::mesh::normals_of;
@@ -90,10 +91,33 @@ impl Document {
             }
         }
         if pieces.is_empty() {
-            return Err(GltfError::NoSuch("expected triangles in the meshes of the file, found none".to_owned()));
+            return Err(GltfError::NoSuch(format!("expected triangles in the meshes of the file, found {}", self.instead(&nodes))));
         }
         self.join(pieces, &mut character)?;
         Ok(character)
+    }
+
+    /// What meshes without triangles are made of.
+    fn instead(&self, nodes: &[(usize, usize)]) -> String {
+        let own =
+            |mesh: usize| self.root.meshes.get(mesh).into_iter().flat_map(move |m| m.primitives.iter().enumerate().map(move |p| (mesh, p)));
+        let one = |(mesh, (p, primitive)): (usize, (usize, &json::Primitive))| {
+            let what = match primitive.mode.unwrap_or(4) {
+                0 => "points (mode 0)",
+                mode @ 1..=3 => ["lines (mode 1)", "lines (mode 2)", "lines (mode 3)"][mode as usize - 1],
+                _ if !primitive.attributes.contains_key("POSITION") => "no POSITION",
+                _ => "another material",
+            };
+            format!("meshes[{mesh}].primitives[{p}] with {what}")
+        };
+        let mut found: Vec<String> = nodes.iter().flat_map(|(_, mesh)| own(*mesh)).map(one).collect();
+        found.dedup();
+        match found.len() {
+            0 if nodes.is_empty() => "no mesh in its scene".to_owned(),
+            0 => "meshes without primitives".to_owned(),
+            n if n > 4 => format!("{} and {} more", found[..4].join(", "), n - 4),
+            _ => found.join(", "),
+        }
     }
 
     /// Nodes and their meshes.
@@ -155,12 +179,12 @@ impl Document {
         }
         let attribute = |name: &str| primitive.attributes.get(name).copied();
         let Some(position) = attribute("POSITION") else { return Ok(None) };
-        let positions = self.vectors::<3>(position, &["VEC3"], at)?;
+        let positions = self.vectors::<3>(position, &["VEC3"], REAL, at)?;
         let n = positions.len();
         let matched = |name: &str, found: usize| {
             if found == n { Ok(()) } else { Err(malformed(at, format!("expected {n} values of {name}, found {found}"))) }
         };
-        let normals = attribute("NORMAL").map(|a| self.vectors::<3>(a, &["VEC3"], at)).transpose()?;
+        let normals = attribute("NORMAL").map(|a| self.vectors::<3>(a, &["VEC3"], REAL, at)).transpose()?;
         normals.iter().try_for_each(|v| matched("NORMAL", v.len()))?;
         let triangles = self.triangles(primitive.indices, mode, n, at)?;
         let material = primitive.material.map(|m| item(&self.root.materials, "materials", m, at)).transpose()?;
@@ -173,7 +197,7 @@ impl Document {
         let (influences, joints, weights) = self.influences(rig, node, &attribute, n, at)?;
         let mut targets = Vec::new();
         for (target, slot) in primitive.targets.iter().zip(slots) {
-            let each = |name: &str| target.get(name).map(|a| self.vectors::<3>(*a, &["VEC3"], at)).transpose();
+            let each = |name: &str| target.get(name).map(|a| self.vectors::<3>(*a, &["VEC3"], REAL, at)).transpose();
             let (positions, normals) = (each("POSITION")?, each("NORMAL")?);
             positions.iter().chain(&normals).try_for_each(|v| matched("a target", v.len()))?;
             targets.push(PieceTarget { slot: *slot, positions: positions.unwrap_or_default(), normals });
@@ -189,7 +213,7 @@ impl Document {
 
     fn triangles(&self, indices: Option<usize>, mode: u32, n: usize, at: &str) -> Result<Vec<[u32; 3]>, GltfError> {
         let corners = match indices {
-            Some(accessor) => self.numbers(accessor, &["SCALAR"], at)?,
+            Some(accessor) => self.numbers(accessor, &["SCALAR"], INDEX, at)?,
             None => (0..n).map(|v| v as f64).collect(),
         };
         if let Some(far) = corners.iter().find(|v| !(0.0..n as f64).contains(*v)) {
@@ -219,7 +243,7 @@ impl Document {
         let transform = texture.and_then(|t| t.extensions.transform.as_ref());
         let set = transform.and_then(|t| t.tex_coord).or(texture.map(|t| t.tex_coord)).unwrap_or(0);
         let Some(accessor) = attribute(&format!("TEXCOORD_{set}")) else { return Ok(None) };
-        let mut uvs = self.vectors::<2>(accessor, &["VEC2"], at)?;
+        let mut uvs = self.vectors::<2>(accessor, &["VEC2"], REAL, at)?;
         if let Some(t) = transform {
             let (sin, cos) = (libm::sin(t.rotation), libm::cos(t.rotation));
             let [sx, sy] = t.scale.unwrap_or([1.0; 2]);
@@ -243,9 +267,9 @@ impl Document {
         let own = match accessor {
             None => vec![[1.0; 4]; n],
             Some(a) if self.root.accessors.get(a).is_some_and(|a| a.shape == "VEC3") => {
-                self.vectors::<3>(a, &["VEC3"], at)?.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect()
+                self.vectors::<3>(a, &["VEC3"], REAL, at)?.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect()
             }
-            Some(a) => self.vectors::<4>(a, &["VEC4"], at)?,
+            Some(a) => self.vectors::<4>(a, &["VEC4"], REAL, at)?,
         };
         let is_colored = accessor.is_some() || factor != [1.0; 4];
         let tinted = own.into_iter().map(|c| {
@@ -274,7 +298,7 @@ impl Document {
         while let Some(joints) = attribute(&format!("JOINTS_{}", sets.len())) {
             let weights = attribute(&format!("WEIGHTS_{}", sets.len()));
             let weights = weights.ok_or_else(|| malformed(at, "expected WEIGHTS for each JOINTS, found none"))?;
-            let (joints, weights) = (self.vectors::<4>(joints, &["VEC4"], at)?, self.vectors::<4>(weights, &["VEC4"], at)?);
+            let (joints, weights) = (self.vectors::<4>(joints, &["VEC4"], JOINT, at)?, self.vectors::<4>(weights, &["VEC4"], REAL, at)?);
             if joints.len() != n || weights.len() != n {
                 let message = format!("expected {n} values of JOINTS and WEIGHTS, found {} and {}", joints.len(), weights.len());
                 return Err(malformed(at, message));
@@ -284,6 +308,13 @@ impl Document {
         let influences = 4 * sets.len();
         let (mut joints, mut weights) = (Vec::with_capacity(n * influences), Vec::with_capacity(n * influences));
         for v in 0..n {
+            let all = || sets.iter().flat_map(|(_, w)| w[v]);
+            if let Some(w) = all().find(|w| *w < 0.0) {
+                return Err(malformed(at, format!("vertex {v}: expected weights of 0 and above, found {w}")));
+            }
+            if all().all(|w| w == 0.0) {
+                return Err(malformed(at, format!("vertex {v}: expected a joint with a weight, found none: it would hang on nothing")));
+            }
             for (j, w) in &sets {
                 for (j, w) in j[v].iter().zip(&w[v]) {
                     // What has no weight may name anything.

@@ -55,7 +55,7 @@ object! {
         targets: Vec<std::collections::BTreeMap<String, usize>>,
     }
 }
-object! { Skin { inverse_bind_matrices: Option<usize>, joints: Vec<usize> } }
+object! { Skin { inverse_bind_matrices: Option<usize>, joints: Vec<usize>, skeleton: Option<usize> } }
 object! { Animation { name: Option<String>, channels: Vec<Channel>, samplers: Vec<Sampler> } }
 object! { Channel { sampler: usize, target: Target } }
 object! { Target { node: Option<usize>, path: String } }

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3};
 
+use super::accessor::FLOAT;
 use super::error::{GltfError, item, malformed};
 use super::{Document, json};
 use crate::algo::skeleton::{Joint, order};
@@ -41,7 +42,11 @@ fn rest(node: &json::Node, at: &str) -> Result<Joint, GltfError> {
         }
     };
     let numbers = joint.translation.iter().chain(joint.rotation.coords.iter()).chain(joint.scale.iter());
-    if numbers.into_iter().all(|v| v.is_finite()) { Ok(joint) } else { Err(malformed(at, "expected finite numbers, found others")) }
+    // Larger ones would overflow where joints hang on each other.
+    match numbers.into_iter().find(|v| v.is_nan() || v.abs() > f64::from(f32::MAX)) {
+        Some(v) => Err(malformed(at, format!("expected finite numbers of 32 bits in its place, found {v:e}"))),
+        None => Ok(joint),
+    }
 }
 
 impl Document {
@@ -91,7 +96,15 @@ impl Document {
         let mut is_joint = vec![false; nodes.len()];
         for (i, skin) in self.root.skins.iter().enumerate() {
             let at = format!("skins[{i}].joints");
-            skin.joints.iter().try_for_each(|&j| item(nodes, "nodes", j, &at).map(|_| is_joint[j] = true))?;
+            let mut own = vec![false; nodes.len()];
+            for &j in &skin.joints {
+                item(nodes, "nodes", j, &at)?;
+                if std::mem::replace(&mut own[j], true) {
+                    return Err(malformed(at, format!("expected each joint once, found node {j} twice")));
+                }
+                is_joint[j] = true;
+            }
+            skin.skeleton.map(|s| item(nodes, "nodes", s, &format!("skins[{i}].skeleton"))).transpose()?;
         }
         (0..nodes.len()).filter(|n| nodes[*n].mesh.is_some() && nodes[*n].skin.is_none()).for_each(|n| is_joint[n] = true);
         // Children come after their parents in this order, so the other way round each hands on what hangs on it.
@@ -142,7 +155,7 @@ impl Document {
         for (i, skin) in self.root.skins.iter().enumerate() {
             let at = format!("skins[{i}]");
             let matrices = match skin.inverse_bind_matrices {
-                Some(accessor) => self.vectors::<16>(accessor, &["MAT4"], &at)?,
+                Some(accessor) => self.vectors::<16>(accessor, &["MAT4"], FLOAT, &at)?,
                 None => vec![*Matrix4::identity().as_slice().as_chunks::<16>().0.first().unwrap_or(&[0.0; 16]); skin.joints.len()],
             };
             if matrices.len() < skin.joints.len() {
