@@ -4,9 +4,9 @@
 //! colours become vertex colours, and several textures lie in one picture. Animations are sampled at the time of each frame of the node's clock, so that
 //! a file of any rate plays in its own time; nothing is rounded to keys.
 //!
-//! **Source**: Khronos Group, *glTF 2.0 Specification*, 2021. **Fails when** the file is damaged, a skinned vertex has no weight, the file asks for an
-//! extension that is not read (Draco, meshopt), or a part that is named is not there: the error lists those that are. **Cost**: O(bytes), and
-//! O(joints + targets) a frame.
+//! **Source**: Khronos Group, *glTF 2.0 Specification*, 2021. **Fails when** the file is damaged, asks for an extension that is not read (Draco,
+//! meshopt), or a part that is named is not there: the error lists those that are. Vertices without any weight are no error, as the format leaves open
+//! what moves them: nothing does, as in Blender. **Cost**: O(bytes), and O(joints + targets) a frame.
 //!
 //! ```ron
 //! Graph(pegbar: 1, frames: (first: 1, last: 24, fps: 24), nodes: {

@@ -308,12 +308,8 @@ impl Document {
         let influences = 4 * sets.len();
         let (mut joints, mut weights) = (Vec::with_capacity(n * influences), Vec::with_capacity(n * influences));
         for v in 0..n {
-            let all = || sets.iter().flat_map(|(_, w)| w[v]);
-            if let Some(w) = all().find(|w| *w < 0.0) {
+            if let Some(w) = sets.iter().flat_map(|(_, w)| w[v]).find(|w| *w < 0.0) {
                 return Err(malformed(at, format!("vertex {v}: expected weights of 0 and above, found {w}")));
-            }
-            if all().all(|w| w == 0.0) {
-                return Err(malformed(at, format!("vertex {v}: expected a joint with a weight, found none: it would hang on nothing")));
             }
             for (j, w) in &sets {
                 for (j, w) in j[v].iter().zip(&w[v]) {
