@@ -440,6 +440,7 @@ pub fn outline_goals(own: &[(Bound, Rim)], drawn: &[Rim], reach: f64, bend: f64,
             out.push((goal(&own[i], to), to.length));
         }
     }
+    out.retain(|(goal, _)| !goal.point.is_empty());
     let whole: f64 = out.iter().map(|(_, length)| length).sum();
     out.into_iter().map(|(goal, length)| Goal { weight: goal.weight * (length / whole).sqrt(), ..goal }).collect()
 }

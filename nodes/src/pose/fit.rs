@@ -1,13 +1,16 @@
 //! `pose.fit`: the pose, and lengths and scales of bones, in which a character is seen as it is drawn.
 //!
 //! **Method** Levenberg and Marquardt's on the root's place, each joint's turn, and the logarithms of lengths and scales ([`crate::algo::pose_fit`]); markers
-//! pull joints to where they are drawn, and the outline of the mesh goes to the drawing's, further and more loosely first. Priors hold what neither says.
+//! pull joints to where they are drawn, and the outline of the mesh ([`crate::algo::outline`]) goes to the drawing's, further and more loosely first. This
+//! is done from the start and from where each joint, parents first, was swung to bring the outlines nearer; the best pose is kept. Priors hold what neither
+//! says.
 //!
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, section 3.1 (which leaves it to the user); Marquardt 1963; Geman, McClure 1987.
 //!
-//! **Fails when** neither drawing nor markers are given, or a name is no joint's. What one picture cannot say, depth above all, stays as it was at the start.
+//! **Fails when** neither drawing nor markers are given, or a name is no joint's. One picture does not say everything: a limb that comes towards the eye is
+//! told by how much shorter it looks, which in parallel lines one that goes away does as well, and a freely longer one does not; priors decide there.
 //!
-//! **Cost** O(rounds · (triangles + pixels + goals · unknowns²)).
+//! **Cost** O(rounds · (triangles + pixels + goals · unknowns²) + joints · triangles).
 //!
 //! ```ron
 //! "posed": (type: "pose.fit", mesh: "@ant.mesh", skeleton: "@ant.skeleton", pose: "@ant.pose", camera: "@camera", markers: "@joints", lengths: ["shin.L"]),

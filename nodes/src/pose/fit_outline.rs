@@ -27,6 +27,8 @@ const WORTH: f64 = 20.0;
 const NEAR: f64 = 4.0;
 /// Steps that are smaller, in radians and logarithms, change nothing that is seen.
 const STILL: f64 = 1e-5;
+/// Outlines that are that near on the mean are one: nothing better is looked for out of the picture's plane, pixels.
+const ONE: f64 = 0.1;
 /// Rounds in which the roots are moved alone.
 const ALIGN: u32 = 5;
 /// Joints are swung by multiples of this angle.
@@ -77,7 +79,9 @@ impl Body {
     fn outline(&self, world: &[Matrix4<f64>], camera: &Camera) -> Result<Vec<(Bound, Rim)>, NodeError> {
         let bound = |p: &Piece| {
             let of = |v: u32, share: f64| self.bound[v as usize].iter().map(move |(j, w, q)| (*j, w * share, *q));
-            let point: Bound = of(p.ends[0], 1.0 - p.share).chain(of(p.ends[1], p.share)).collect();
+            // What hangs on no joint stays: it is outline, and nothing can be wanted of it.
+            let held = p.ends.iter().all(|v| !self.bound[*v as usize].is_empty());
+            let point: Bound = of(p.ends[0], 1.0 - p.share).chain(of(p.ends[1], p.share)).filter(|_| held).collect();
             (point, Rim { at: p.at, out: p.out, length: p.length })
         };
         Ok(outline(&self.surface, &self.positions(world)?, camera, STEP).iter().map(bound).collect())
@@ -223,7 +227,7 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The best that was met: where outlines pull at once, or after each limb was swung towards its own.
+    /// The best that was met: where outlines pull at once, or after each limb was swung towards its own, in the picture's plane or out of it too.
     pub(super) fn run(mut self, root: bool) -> Result<(Best, u32), NodeError> {
         let mut x = self.best.x.clone();
         self.look(&x)?;
@@ -236,10 +240,19 @@ impl Search<'_> {
                 self.round(&mut x, self.reach, &stiff)?;
             }
         }
-        let mut swung = x.clone();
+        let aligned = x.clone();
         self.pull(&mut x, self.reach)?;
-        if self.swing(&mut swung)? {
-            self.pull(&mut swung, self.reach / 4.0)?;
+        let mut last = aligned.clone();
+        for deep in [false, true] {
+            if deep && self.best.errors[1] < ONE {
+                break;
+            }
+            let mut swung = aligned.clone();
+            self.swing(&mut swung, deep)?;
+            if swung != last {
+                last = swung.clone();
+                self.pull(&mut swung, self.reach / 4.0)?;
+            }
         }
         x = self.best.x.clone();
         for _ in 0..self.rounds {
@@ -290,16 +303,16 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Swings each joint that turns, parents first, in the plane of the picture to where the outlines come nearest, no point further than `reach`; whether
-    /// any is better off. A limb that is drawn beyond its neighbours, which pull at it from nearby, is only found so.
-    fn swing(&mut self, x: &mut DVector<f64>) -> Result<bool, NodeError> {
+    /// Swings each joint that turns, parents first, to where the outlines come nearest, no point further than `reach`: in the plane of the picture, and out
+    /// of it where `deep`. A limb that is drawn beyond its neighbours, which pull at it from nearby, is only found so.
+    fn swing(&mut self, x: &mut DVector<f64>, deep: bool) -> Result<(), NodeError> {
         let toward = self.camera.toward();
+        let eye = self.camera.world_from_camera();
         let (_, mut score) = self.look(x)?;
-        let mut any = false;
         for (joint, below) in self.figure.turning() {
             let world = self.world(x)?;
             let span = self.body.span(&world, self.camera, joint, below)?;
-            let axis = toward(&world[joint].column(3).xyz());
+            let axes = [toward(&world[joint].column(3).xyz()), eye.column(0).xyz(), eye.column(1).xyz()];
             let mut found = None;
             for k in (-SWINGS..=SWINGS).filter(|k| *k != 0) {
                 let angle = f64::from(k) * SWING;
@@ -307,18 +320,20 @@ impl Search<'_> {
                 if way > self.reach || way < NEAR {
                     continue;
                 }
-                let there = self.figure.swung(x, joint, &axis, angle);
-                let (_, now) = self.look(&there)?;
-                // What turns for nothing, as a finger before the body, stays.
-                if now < 0.95 * score && found.as_ref().is_none_or(|(best, _)| now < *best) {
-                    found = Some((now, there));
+                for axis in &axes[..if deep { 3 } else { 1 }] {
+                    let there = self.figure.swung(x, joint, axis, angle);
+                    let (_, now) = self.look(&there)?;
+                    // What turns for nothing, as a finger before the body, stays.
+                    if now < 0.95 * score && found.as_ref().is_none_or(|(best, _)| now < *best) {
+                        found = Some((now, there));
+                    }
                 }
             }
             if let Some((best, there)) = found {
-                (score, *x, any) = (best, there, true);
+                (score, *x) = (best, there);
             }
         }
-        Ok(any)
+        Ok(())
     }
 }
 

@@ -474,6 +474,20 @@ fn a_limb_that_was_drawn_elsewhere_is_found_by_the_outline_alone() {
     assert!((places(&still.pose)[FOOT] - places(&start)[FOOT]).norm() < 0.2);
 }
 
+#[test]
+fn a_limb_that_was_drawn_towards_the_eye_is_found_as_far_as_its_picture_goes() {
+    let start = glide().remove(4);
+    let mut drawn = start.clone();
+    let [x, y, z, w] = drawn.rotations[1];
+    let q = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.8) * UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
+    drawn.rotations[1] = [q.i, q.j, q.k, q.w];
+    let out = leg_drawn(&drawn, &start, 120.0);
+    // Seen along x in parallel lines: to us or away is the same picture, and the mirrored pose as good as the true one.
+    let seen = |pose: &Pose| places(pose)[FOOT].yz();
+    let (far, off) = ((seen(&start) - seen(&drawn)).norm(), (seen(&out.pose) - seen(&drawn)).norm());
+    assert!(far > 0.2 && off < 0.03 && out.outline_error.value < 0.3, "{far} {off} {}", out.outline_error.value);
+}
+
 fn run_one(node: fit::PoseFit) -> Result<fit::PoseFitOutputs, NodeError> {
     use pegbar_engine::node::PerFrame;
     let clock = clock(1);
