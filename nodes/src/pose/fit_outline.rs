@@ -244,7 +244,8 @@ impl Search<'_> {
         self.pull(&mut x, self.reach)?;
         let mut last = aligned.clone();
         for deep in [false, true] {
-            if deep && self.best.errors[1] < ONE {
+            // Markers say where limbs are; depth is only looked for where nothing does.
+            if deep && (self.best.errors[1] < ONE || !self.markers.is_empty()) {
                 break;
             }
             let mut swung = aligned.clone();
