@@ -90,13 +90,8 @@ pub struct ArrayView<'a> {
 impl ArrayView<'_> {
     /// A copy that owns its elements.
     pub fn to_array(&self) -> Array {
-        let data = match self.dtype {
-            DType::F32 => Data::F32(elements(self.bytes)),
-            DType::F64 => Data::F64(elements(self.bytes)),
-            DType::I64 => Data::I64(elements(self.bytes)),
-            DType::U32 => Data::U32(elements(self.bytes)),
-            DType::U8 => Data::U8(self.bytes.to_vec()),
-        };
+        // Those of a view are whole numbers of elements.
+        let data = Data::copied(self.dtype, self.bytes).unwrap_or(Data::U8(Vec::new()));
         Array { shape: self.shape.to_vec(), data }
     }
 
@@ -113,7 +108,7 @@ impl ArrayView<'_> {
 }
 
 fn elements<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
-    bytemuck::allocation::pod_collect_to_vec(bytes)
+    bytemuck::try_cast_slice(bytes).map_or_else(|_| bytemuck::allocation::pod_collect_to_vec(bytes), <[T]>::to_vec)
 }
 
 /// An array that owns its elements, row-major.
@@ -143,6 +138,17 @@ pub enum Data {
 }
 
 impl Data {
+    /// So many noughts; `None` where there is no memory for them.
+    pub(crate) fn zeroed(dtype: DType, count: usize) -> Option<Self> {
+        Some(match dtype {
+            DType::F32 => Data::F32(zeroed(count)?),
+            DType::F64 => Data::F64(zeroed(count)?),
+            DType::I64 => Data::I64(zeroed(count)?),
+            DType::U32 => Data::U32(zeroed(count)?),
+            DType::U8 => Data::U8(zeroed(count)?),
+        })
+    }
+
     /// Element type.
     pub fn dtype(&self) -> DType {
         match self {
@@ -165,6 +171,31 @@ impl Data {
             Data::U8(v) => v,
             Data::Shared(shared) => shared.bytes(),
         }
+    }
+}
+
+/// Noughts. A few are written faster than they are asked for: the GNU allocator keeps no such blocks at hand.
+fn zeroed<T: bytemuck::Pod>(count: usize) -> Option<Vec<T>> {
+    const FEW: usize = 1 << 10;
+    if count <= FEW / size_of::<T>().max(1) {
+        let mut few = Vec::with_capacity(count);
+        few.resize(count, std::hint::black_box(T::zeroed()));
+        return Some(few);
+    }
+    bytemuck::allocation::try_zeroed_vec(count).ok()
+}
+
+impl Data {
+    /// A copy of bytes; `None` where they are no whole number of elements.
+    #[doc(hidden)]
+    pub fn copied(dtype: DType, bytes: &[u8]) -> Option<Self> {
+        bytes.len().is_multiple_of(dtype.size()).then(|| match dtype {
+            DType::F32 => Data::F32(elements(bytes)),
+            DType::F64 => Data::F64(elements(bytes)),
+            DType::I64 => Data::I64(elements(bytes)),
+            DType::U32 => Data::U32(elements(bytes)),
+            DType::U8 => Data::U8(bytes.to_vec()),
+        })
     }
 }
 

@@ -514,7 +514,7 @@ impl Cache {
             NpzError::Io(error) => Miss::Unreadable(error),
             other => Miss::Damaged(other.to_string()),
         })?;
-        let arrays = parts.arrays.iter().map(|(name, array)| (name.as_str(), array.view()));
+        let arrays = parts.arrays.iter().map(|(name, array)| (name.as_ref(), array.view()));
         if digest_parts(ty, arrays, parts.meta.clone()).as_bytes() == digest {
             Ok(parts)
         } else {

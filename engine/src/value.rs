@@ -1,6 +1,7 @@
 //! Values: ordinary structs that can be taken apart into named arrays and put together again.
 
 use std::any::Any;
+use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;
 
@@ -62,7 +63,7 @@ pub struct Parts<'a> {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OwnedParts {
     /// Arrays by name.
-    pub arrays: Vec<(String, Array)>,
+    pub arrays: Vec<(Cow<'static, str>, Array)>,
     /// Text fields.
     pub meta: Meta,
 }
@@ -85,7 +86,7 @@ impl OwnedParts {
     }
 
     fn names(&self) -> String {
-        let names: Vec<&str> = self.arrays.iter().map(|(n, _)| n.as_str()).collect();
+        let names: Vec<&str> = self.arrays.iter().map(|(n, _)| n.as_ref()).collect();
         if names.is_empty() { "none".to_owned() } else { names.join(", ") }
     }
 }
@@ -130,6 +131,14 @@ pub trait Value: Send + Sync + Sized + fmt::Debug + 'static {
     fn schema() -> TypeSchema;
     /// Takes it apart.
     fn parts(&self) -> Parts<'_>;
+    /// One of the arrays of [`Value::parts`], without taking all of it apart.
+    fn nth_array(&self, at: usize) -> Option<(&'static str, ArrayView<'_>)> {
+        self.parts().arrays.into_iter().nth(at)
+    }
+    /// The text fields of [`Value::parts`].
+    fn meta(&self) -> Meta {
+        self.parts().meta
+    }
     /// Puts it together.
     ///
     /// # Errors
@@ -169,6 +178,14 @@ pub trait AnyValue: Send + Sync + fmt::Debug + 'static {
     fn type_name(&self) -> &'static str;
     /// Takes it apart.
     fn parts(&self) -> Parts<'_>;
+    /// As [`Value::nth_array`].
+    fn nth_array(&self, at: usize) -> Option<(&'static str, ArrayView<'_>)> {
+        self.parts().arrays.into_iter().nth(at)
+    }
+    /// As [`Value::meta`].
+    fn meta(&self) -> Meta {
+        self.parts().meta
+    }
     /// Bytes of its arrays.
     fn size(&self) -> usize;
     /// Extents of its first array.
@@ -187,6 +204,12 @@ impl<T: Value> AnyValue for T {
     }
     fn parts(&self) -> Parts<'_> {
         Value::parts(self)
+    }
+    fn nth_array(&self, at: usize) -> Option<(&'static str, ArrayView<'_>)> {
+        Value::nth_array(self, at)
+    }
+    fn meta(&self) -> Meta {
+        Value::meta(self)
     }
     fn size(&self) -> usize {
         Value::size(self)

@@ -72,7 +72,7 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
     let about = doc(&input.attrs, ident, "a value type")?;
     let (mut arrays, mut texts, mut views, mut metas, mut builds, mut sizes, mut takes) =
         (vec![], vec![], vec![], vec![], vec![], vec![], vec![]);
-    let mut first = None;
+    let (mut first, mut nths) = (None, vec![]);
     for field in fields(input)? {
         let (fname, ty) = (&field.ident, &field.ty);
         let key = fname.as_ref().map(ToString::to_string).unwrap_or_default();
@@ -81,6 +81,8 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
                 let doc = doc(&field.attrs, field, "an array")?;
                 first.get_or_insert(fname);
                 arrays.push(quote! { ::pegbar_engine::value::ArraySchema { name: #key, dtype: <#ty as ::pegbar_engine::array::ArrayField>::DTYPE, shape: #shape, optional: #optional, doc: #doc } });
+                let at = nths.len();
+                nths.push(quote! { #at => Some((#key, ::pegbar_engine::array::ArrayField::view(&self.#fname))), });
                 views.push(quote! { (#key, ::pegbar_engine::array::ArrayField::view(&self.#fname)) });
                 takes.push(quote! { #key => ::pegbar_engine::array::ArrayField::take_block(&mut self.#fname), });
                 sizes.push(quote! { ::pegbar_engine::array::ArrayField::bytes(&self.#fname).len() });
@@ -126,6 +128,18 @@ pub(crate) fn derive(input: &DeriveInput) -> syn::Result<TokenStream> {
                 let mut meta = ::pegbar_engine::value::Meta::new();
                 #(#metas)*
                 ::pegbar_engine::value::Parts { arrays: vec![#(#views),*], meta }
+            }
+            fn nth_array(&self, at: usize) -> Option<(&'static str, ::pegbar_engine::array::ArrayView<'_>)> {
+                match at {
+                    #(#nths)*
+                    _ => None,
+                }
+            }
+            fn meta(&self) -> ::pegbar_engine::value::Meta {
+                #[allow(unused_mut, reason = "a type without text fields")]
+                let mut meta = ::pegbar_engine::value::Meta::new();
+                #(#metas)*
+                meta
             }
             fn from_parts(mut parts: ::pegbar_engine::value::OwnedParts) -> Result<Self, ::pegbar_engine::value::ValueError> {
                 let value = Self { #(#builds),* };

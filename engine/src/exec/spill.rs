@@ -73,7 +73,7 @@ impl Spill {
         let array = |(name, dtype, shape, offset): &(&'static str, DType, Vec<usize>, u64)| {
             let mut array = zeros(*dtype, shape.clone());
             read_at(&file, bytes_mut(&mut array), *offset)?;
-            Ok(((*name).to_owned(), array))
+            Ok(((*name).into(), array))
         };
         let arrays = spilled.arrays.iter().map(array).collect::<io::Result<_>>()?;
         Ok(OwnedParts { arrays, meta: spilled.meta.clone() })

@@ -25,6 +25,12 @@ impl Cancel {
         Self { own: Arc::default(), outer: Some(Arc::new(outer)) }
     }
 
+    /// True where nobody but its holder could ask it any longer.
+    #[doc(hidden)]
+    pub fn is_unshared(&self) -> bool {
+        Arc::strong_count(&self.own) == 1
+    }
+
     /// Asks the run to stop.
     pub fn cancel(&self) {
         self.own.store(true, Ordering::Relaxed);

@@ -223,12 +223,14 @@ impl<T: Value> Input for In<T> {
         }
     }
     fn from_arg(arg: Arg) -> Result<Self, NodeError> {
-        let shown = arg.clone();
         match arg {
             Arg::None => Ok(In(None)),
-            Arg::Literal(l) => l.downcast::<T>().map(|v| In(Some(v))).map_err(|_| mismatch(T::NAME, &shown)),
-            Arg::Value(v) => downcast::<T>(v).map(|v| In(Some(v))).ok_or_else(|| mismatch(T::NAME, &shown)),
-            _ => Err(mismatch(T::NAME, &shown)),
+            Arg::Literal(l) => l.downcast::<T>().map(|v| In(Some(v))).map_err(|l| mismatch(T::NAME, &Arg::Literal(l))),
+            Arg::Value(v) => {
+                let found = v.type_name();
+                downcast::<T>(v).map(|v| In(Some(v))).ok_or_else(|| NodeError::internal(format!("expected {}, found {found}", T::NAME)))
+            }
+            other => Err(mismatch(T::NAME, &other)),
         }
     }
 }

@@ -375,7 +375,7 @@ impl<R: Read + Seek> Archive<R> {
         for name in self.names.clone() {
             if name != META {
                 let array = self.read(&name, None, &mut left)?;
-                arrays.push((name, array));
+                arrays.push((name.into(), array));
             }
         }
         Ok(OwnedParts { arrays, meta: self.meta()? })
@@ -419,7 +419,7 @@ impl<R: Read + Seek> Archive<R> {
                 continue;
             }
             let array = self.read(wanted.name, frame, &mut left)?;
-            arrays.push((wanted.name.to_owned(), npy::convert(array, wanted.dtype)));
+            arrays.push((wanted.name.into(), npy::convert(array, wanted.dtype)));
         }
         let made = (ty.from_parts)(OwnedParts { arrays, meta });
         made.map_err(|source| NpzError::Value { ty: ty.schema.name, source, present: self.present() })

@@ -19,6 +19,8 @@ pub(super) struct Request<'a> {
     /// For a recurrent node, the state that it starts from.
     pub(super) state: Option<ValueRef>,
     pub(super) cancel: &'a Cancel,
+    /// Names of the arrays that its outputs can have.
+    pub(super) names: &'a [&'static str],
 }
 
 /// What one reference at an input brings.

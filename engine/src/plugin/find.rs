@@ -1,6 +1,5 @@
 //! From paths that somebody names to the node types of a registry. Loads no code.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
@@ -137,16 +136,21 @@ fn isolated(_: Arc<Manifest>, _: PathBuf, _: Workers) -> Option<Box<dyn Transpor
 }
 
 fn nodes(description: &Description, found: &Found, registry: &Registry, id: PluginId) -> Result<Vec<NodeType>, String> {
-    let types: BTreeMap<_, _> = registry.types().map(|ty| (ty.schema.name, ty.clone())).collect();
     let transport = transport(found, registry)?;
-    let plugin = Arc::new(Plugin { id, description: description.clone(), types, transport });
+    let plugin = Arc::new(Plugin { id, description: description.clone(), transport });
     let node = |(i, text): (usize, &super::manifest::NodeText)| {
         let schema = Arc::new(text.schema()?);
+        let outputs: Vec<_> = schema.outputs.iter().map(|o| o.ty.and_then(|ty| registry.get_type(ty)).cloned()).collect();
+        let state = text.state.as_ref().map(|state| dynamic_type(state.schema()));
+        let types = outputs.iter().flatten().chain(&state);
+        let names = types.flat_map(|ty| ty.schema.arrays.iter().map(|a| a.name)).collect();
         let operator = PluginOperator {
             plugin: plugin.clone(),
             node: i as u32,
             schema: schema.clone(),
-            state: text.state.as_ref().map(|state| dynamic_type(state.schema())),
+            outputs,
+            state,
+            names,
             known: Mutex::default(),
         };
         Ok(NodeType { schema, operator: Arc::new(operator) })

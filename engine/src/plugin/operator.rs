@@ -1,6 +1,5 @@
 //! A plugin's node type as the executor knows it.
 
-use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use pegbar_abi::PB_STATE;
@@ -20,8 +19,6 @@ pub(super) const REMEMBERED: usize = 256;
 pub(super) struct Plugin {
     pub(super) id: PluginId,
     pub(super) description: Description,
-    /// The value types of its ports.
-    pub(super) types: BTreeMap<&'static str, ValueType>,
     pub(super) transport: Box<dyn Transport>,
 }
 
@@ -30,7 +27,11 @@ pub(super) struct PluginOperator {
     /// Position in the schema.
     pub(super) node: u32,
     pub(super) schema: Arc<NodeSchema>,
+    /// The types of its outputs.
+    pub(super) outputs: Vec<Option<ValueType>>,
     pub(super) state: Option<ValueType>,
+    /// Names of the arrays that these have.
+    pub(super) names: Vec<&'static str>,
     pub(super) known: Mutex<Vec<Arc<Settings>>>,
 }
 
@@ -124,8 +125,8 @@ impl PluginOperator {
         let mut made = response.made.into_iter().peekable();
         let mut take = |output: u32, index: u64| made.next_if(|m| (m.output, m.index) == (output, index)).map(|m| m.what);
         let mut outputs = Vec::with_capacity(self.schema.outputs.len());
-        for (p, schema) in self.schema.outputs.iter().enumerate() {
-            let ty = schema.ty.and_then(|ty| self.plugin.types.get(ty));
+        for (p, (schema, ty)) in self.schema.outputs.iter().zip(&self.outputs).enumerate() {
+            let ty = ty.as_ref();
             let mut one = |index: u64| {
                 let at = || if schema.stream { format!(" at frame {}", cx.clock.first + index as i64) } else { String::new() };
                 let value = self.value(take(p as u32, index), ty);
@@ -162,7 +163,7 @@ impl PluginOperator {
         let ty = ty.ok_or("expected a value type that is known, found another")?;
         match what {
             Some(MadeOf::Parts(parts)) => {
-                let known = |name: &String| ty.schema.arrays.iter().any(|a| a.name == name);
+                let known = |name: &str| ty.schema.arrays.iter().any(|a| a.name == name);
                 if let Some((strange, _)) = parts.arrays.iter().find(|(name, _)| !known(name)) {
                     return Err(format!("expected the arrays of {}, found `{strange}`", ty.schema.name));
                 }
@@ -183,7 +184,16 @@ impl PluginOperator {
     ) -> Result<R, NodeError> {
         let settings = self.settings(&args)?;
         let ports = self.ports(args, cx)?;
-        let request = Request { node: self.node, settings: &settings, frame: cx.frame, clock: cx.clock, ports, state, cancel: cx.cancel };
+        let request = Request {
+            node: self.node,
+            settings: &settings,
+            frame: cx.frame,
+            clock: cx.clock,
+            ports,
+            state,
+            cancel: cx.cancel,
+            names: &self.names,
+        };
         run(&request)
     }
 

@@ -1,6 +1,8 @@
 //! The host's side of the border: what a plugin may call, and the rows of structs that it is shown.
 #![allow(unsafe_code, reason = "the C ABI of plugins; each block says what it relies on")]
 
+use std::borrow::Cow;
+use std::cell::Cell;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use pegbar_abi::{
@@ -29,13 +31,13 @@ const fn text(text: &str) -> PbText {
 ///
 /// # Safety
 /// `text` points at as many bytes as it says, for the length of the call.
-pub(super) unsafe fn read_text(text: PbText) -> String {
+pub(super) unsafe fn read_text<'a>(text: PbText) -> Cow<'a, str> {
     if text.data.is_null() || text.size == 0 {
-        return String::new();
+        return Cow::Borrowed("");
     }
     // SAFETY: the caller vouches for the bytes, and null was seen to.
     let bytes = unsafe { std::slice::from_raw_parts(text.data, text.size as usize) };
-    String::from_utf8_lossy(bytes).into_owned()
+    std::str::from_utf8(bytes).map_or_else(|_| String::from_utf8_lossy(bytes), Cow::Borrowed)
 }
 
 /// A struct of pointers to what lives as long as the process.
@@ -66,7 +68,7 @@ static TASKS: PbTaskSuite =
 
 unsafe extern "C" fn suite(name: PbText, version: u32) -> *const u8 {
     // SAFETY: the plugin hands over a text.
-    match (unsafe { read_text(name) }.as_str(), version) {
+    match (unsafe { read_text(name) }.as_ref(), version) {
         (PB_VALUE_SUITE, 1) => (&raw const VALUES).cast(),
         (PB_TASK_SUITE, 1) => (&raw const TASKS).cast(),
         _ => std::ptr::null(),
@@ -109,13 +111,7 @@ fn zeroed(dtype: u32, count: u64) -> Option<(Data, *mut u8)> {
     if let Some(outside) = OUTSIDE.get().filter(|outside| !outside.lies_here(count.saturating_mul(ty.size()))) {
         return outside.block(ty, count);
     }
-    let mut data = match ty {
-        DType::F32 => Data::F32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        DType::F64 => Data::F64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        DType::I64 => Data::I64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        DType::U32 => Data::U32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        DType::U8 => Data::U8(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-    };
+    let mut data = Data::zeroed(ty, count)?;
     let start = elements(&mut data);
     Some((data, start))
 }
@@ -173,9 +169,25 @@ unsafe extern "C" fn free(block: *mut PbBlock) {
 #[repr(C)]
 pub(super) struct Held {
     seen: PbValue,
-    arrays: Vec<PbArray>,
+    arrays: Rows<PbArray>,
     meta: String,
     value: ValueRef,
+}
+
+/// Rows of which there is mostly one.
+enum Rows<T> {
+    One([T; 1]),
+    More(Vec<T>),
+}
+
+impl<T> std::ops::Deref for Rows<T> {
+    type Target = [T];
+    fn deref(&self) -> &[T] {
+        match self {
+            Self::One(one) => one,
+            Self::More(more) => more,
+        }
+    }
 }
 
 // SAFETY: the pointers lead into the value and the rows beside them, all of which live as long as this does and are never written.
@@ -185,8 +197,7 @@ unsafe impl Sync for Held {}
 
 impl Held {
     pub(super) fn new(value: ValueRef) -> Arc<Self> {
-        let parts = value.parts();
-        let array = |(name, view): &(&'static str, crate::array::ArrayView<'_>)| {
+        let array = |(name, view): (&'static str, crate::array::ArrayView<'_>)| {
             let mut shape = [0; PB_MAX_RANK as usize];
             shape.iter_mut().zip(view.shape.iter()).for_each(|(to, &from)| *to = from as u64);
             PbArray {
@@ -200,16 +211,25 @@ impl Held {
                 bytes: view.bytes.len() as u64,
             }
         };
-        let arrays: Vec<PbArray> = parts.arrays.iter().map(array).collect();
-        let meta = if parts.meta.is_empty() { String::new() } else { serde_json::Value::Object(parts.meta).to_string() };
+        let arrays = match (value.nth_array(0), value.nth_array(1)) {
+            (Some(one), None) => Rows::One([array(one)]),
+            _ => Rows::More((0..).map_while(|at| value.nth_array(at)).map(array).collect()),
+        };
+        let meta = value.meta();
+        let meta = if meta.is_empty() { String::new() } else { serde_json::Value::Object(meta).to_string() };
         let seen = PbValue {
             struct_size: size::<PbValue>(),
             array_count: arrays.len() as u32,
-            arrays: arrays.as_ptr(),
+            arrays: std::ptr::null(),
             type_name: text(value.type_name()),
             meta: text(if meta.is_empty() { "{}" } else { &meta }),
         };
-        Arc::new(Self { seen, arrays, meta, value })
+        let mut held = Arc::new(Self { seen, arrays, meta, value });
+        // From here on they stay where they are.
+        if let Some(held) = Arc::get_mut(&mut held) {
+            held.seen.arrays = held.arrays.as_ptr();
+        }
+        held
     }
 
     fn shown(this: &Arc<Self>) -> *const PbValue {
@@ -233,33 +253,38 @@ unsafe extern "C" fn release(value: *const PbValue) {
     }
 }
 
-/// A value that is being put out.
-#[derive(Default)]
-struct Making {
-    arrays: Vec<(String, Vec<usize>, Data)>,
-    meta: Option<Meta>,
-    passed: Option<ValueRef>,
-}
-
 #[derive(Default)]
 struct Answer {
     /// Ascending by output and position, as most plugins put them out.
-    making: Vec<((u32, u64), Making)>,
+    made: Vec<Made>,
     needs: Vec<(u32, i64)>,
     previous: Option<i64>,
     error: Option<NodeError>,
 }
 
 impl Answer {
-    fn making(&mut self, output: u32, index: u64) -> &mut Making {
-        let at = match self.making.binary_search_by_key(&(output, index), |(key, _)| *key) {
+    /// The value that is being put out there.
+    fn made(&mut self, output: u32, index: u64) -> &mut MadeOf {
+        let at = match self.made.binary_search_by_key(&(output, index), |made| (made.output, made.index)) {
             Ok(at) => at,
             Err(at) => {
-                self.making.insert(at, ((output, index), Making::default()));
+                // Most nodes put out one.
+                if self.made.is_empty() {
+                    self.made.reserve_exact(1);
+                }
+                self.made.insert(at, Made { output, index, what: MadeOf::Parts(OwnedParts::default()) });
                 at
             }
         };
-        &mut self.making[at].1
+        &mut self.made[at].what
+    }
+
+    /// The parts of the value that is being put out there; `None` where it is another that was passed on.
+    fn parts(&mut self, output: u32, index: u64) -> Option<&mut OwnedParts> {
+        match self.made(output, index) {
+            MadeOf::Parts(parts) => Some(parts),
+            MadeOf::Passed(_) => None,
+        }
     }
 }
 
@@ -286,16 +311,15 @@ impl<'a> Call<'a> {
 
     /// Shows the plugin the task while `run` calls it.
     pub(super) fn show(&self, run: impl FnOnce(*const PbTask) -> u32) -> u32 {
-        let rows: Vec<Row> = self.request.ports.iter().map(Row::new).collect();
-        let ports: Vec<PbPort> = rows.iter().zip(&self.request.ports).map(|(row, port)| row.port(port.input)).collect();
+        let shown = Shown::new(&self.request.ports);
         let state = self.request.state.clone().map(Held::new);
         let clock = shown_clock(self.request.clock);
         let task = PbTask {
             struct_size: size::<PbTask>(),
-            port_count: ports.len() as u32,
+            port_count: shown.0.ports.len() as u32,
             frame: self.request.frame,
             clock: &raw const clock,
-            ports: ports.as_ptr(),
+            ports: shown.0.ports.as_ptr(),
             state: state.as_ref().map_or(std::ptr::null(), Held::shown),
             host: (&raw const *self).cast(),
         };
@@ -319,11 +343,10 @@ impl<'a> Call<'a> {
             (PB_CANCELLED, None) => return Err(broken("expected it to stop only when asked, found it stopped".to_owned())),
             (status, None) => return Err(broken(format!("expected a reason for its failure, found status {status} alone"))),
         }
-        let made = answer.making.into_iter().map(|((output, index), making)| Made { output, index, what: making.into() });
-        Ok(Response { made: made.collect(), needs: answer.needs, previous: answer.previous })
+        Ok(Response { made: answer.made, needs: answer.needs, previous: answer.previous })
     }
 
-    fn put(&self, output: u32, index: u64, name: String, shape: Option<Vec<usize>>, data: Option<Data>) -> Result<(), String> {
+    fn put(&self, output: u32, index: u64, name: Cow<'static, str>, shape: Option<Vec<usize>>, data: Option<Data>) -> Result<(), String> {
         let data = data.ok_or_else(|| format!("array `{name}`: expected memory for it, found none"))?;
         let shape = shape.ok_or_else(|| format!("array `{name}`: expected at most {PB_MAX_RANK} axes that fit into memory"))?;
         let array = Array { shape, data };
@@ -333,23 +356,22 @@ impl<'a> Call<'a> {
             return Err(format!("array `{name}`: expected {described}, found {has} bytes"));
         }
         let mut answer = self.answer();
-        let making = answer.making(output, index);
-        if making.passed.is_some() || making.arrays.iter().any(|(n, _, _)| *n == name) {
-            return Err(format!("array `{name}` of output {output}: expected it once, found it put out twice"));
+        let parts = answer.parts(output, index).filter(|parts| parts.arrays.iter().all(|(n, _)| *n != name));
+        let parts = parts.ok_or_else(|| format!("array `{name}` of output {output}: expected it once, found it put out twice"))?;
+        if parts.arrays.is_empty() {
+            parts.arrays.reserve_exact(1);
         }
-        making.arrays.push((name, array.shape, array.data));
+        parts.arrays.push((name, array));
         Ok(())
     }
-}
 
-impl From<Making> for MadeOf {
-    fn from(making: Making) -> Self {
-        match making.passed {
-            Some(value) => Self::Passed(value),
-            None => {
-                let arrays = making.arrays.into_iter().map(|(name, shape, data)| (name, Array { shape, data })).collect();
-                Self::Parts(OwnedParts { arrays, meta: making.meta.unwrap_or_default() })
-            }
+    /// The name of an array: that of the schemas, where there is one.
+    fn name(&self, name: PbText) -> Cow<'static, str> {
+        // SAFETY: the plugin hands over a text.
+        let name = unsafe { read_text(name) };
+        match self.request.names.iter().find(|known| **known == name) {
+            Some(known) => Cow::Borrowed(known),
+            None => Cow::Owned(name.into_owned()),
         }
     }
 }
@@ -366,45 +388,98 @@ fn shown_clock(clock: &Clock) -> PbClock {
     }
 }
 
-/// What a port's pointers lead to.
-struct Row {
-    kind: u32,
-    count: u64,
-    /// Holds what `values` leads to.
-    _held: Vec<Arc<Held>>,
+/// The ports as a plugin sees them, and what their pointers lead to.
+#[derive(Default)]
+struct PortRows {
+    ports: Vec<PbPort>,
     values: Vec<*const PbValue>,
     frames: Vec<i64>,
-    number: f64,
-    clock: Option<PbClock>,
+    clocks: Vec<PbClock>,
 }
 
-impl Row {
-    fn new(port: &super::call::Port) -> Self {
-        let (kind, held, frames, number) = match &port.feed {
-            Feed::Value(value) => (PB_PORT_VALUE, vec![Held::new(value.clone())], Vec::new(), 0.0),
-            Feed::Frames(list) => {
-                let held = list.iter().map(|(_, value)| Held::new(value.clone())).collect();
-                (PB_PORT_FRAMES, held, list.iter().map(|(frame, _)| *frame).collect(), 0.0)
-            }
-            Feed::Sequence(_) => (PB_PORT_SEQUENCE, Vec::new(), Vec::new(), 0.0),
-            Feed::Number(number) => (PB_PORT_NUMBER, Vec::new(), Vec::new(), *number),
-        };
-        let count = if let Feed::Sequence(values) = &port.feed { values.len() as u64 } else { held.len() as u64 };
-        let values = held.iter().map(Held::shown).collect();
-        Self { kind, count, _held: held, values, frames, number, clock: port.clock.as_deref().map(shown_clock) }
-    }
+thread_local! {
+    /// Empty rows that were used before.
+    static ROWS: Cell<Option<PortRows>> = const { Cell::new(None) };
+}
 
-    fn port(&self, input: u32) -> PbPort {
+/// The ports of a task. Holds each of the values in them.
+struct Shown(PortRows);
+
+impl Shown {
+    fn new(from: &[super::call::Port]) -> Self {
+        let each = |feed: &Feed| match feed {
+            Feed::Value(_) => (1, 0),
+            Feed::Frames(list) => (list.len(), list.len()),
+            Feed::Sequence(_) | Feed::Number(_) => (0, 0),
+        };
+        let (values, frames) = from.iter().map(|port| each(&port.feed)).fold((0, 0), |(v, f), (a, b)| (v + a, f + b));
+        let mut rows = ROWS.take().unwrap_or_default();
+        // None of them grows beyond this, so that what is in them stays where it is.
+        rows.ports.reserve(from.len());
+        rows.values.reserve(values);
+        rows.frames.reserve(frames);
+        rows.clocks.reserve(from.len());
+        let mut shown = Self(rows);
+        for port in from {
+            let port = shown.0.port(port);
+            shown.0.ports.push(port);
+        }
+        shown
+    }
+}
+
+impl Drop for Shown {
+    fn drop(&mut self) {
+        /// Longer rows are not kept.
+        const MANY: usize = 256;
+        let mut rows = std::mem::take(&mut self.0);
+        for value in rows.values.drain(..) {
+            // SAFETY: each came of an `Arc`, and is let go of once.
+            unsafe { release(value) };
+        }
+        if rows.values.capacity().max(rows.ports.capacity()) <= MANY {
+            rows.ports.clear();
+            rows.frames.clear();
+            rows.clocks.clear();
+            // A thread that is being taken down keeps none.
+            let _ = ROWS.try_with(|kept| kept.set(Some(rows)));
+        }
+    }
+}
+
+impl PortRows {
+    fn port(&mut self, port: &super::call::Port) -> PbPort {
+        let Self { values, frames, clocks, .. } = self;
+        let mut show = |value: &ValueRef| values.push(Arc::into_raw(Held::new(value.clone())).cast());
+        let (kind, count, number) = match &port.feed {
+            Feed::Value(value) => {
+                show(value);
+                (PB_PORT_VALUE, 1, 0.0)
+            }
+            Feed::Frames(list) => {
+                list.iter().for_each(|(_, value)| show(value));
+                frames.extend(list.iter().map(|(frame, _)| *frame));
+                (PB_PORT_FRAMES, list.len(), 0.0)
+            }
+            Feed::Sequence(values) => (PB_PORT_SEQUENCE, values.len(), 0.0),
+            Feed::Number(number) => (PB_PORT_NUMBER, 0, *number),
+        };
+        let is_frames = kind == PB_PORT_FRAMES;
+        let own = if is_frames || kind == PB_PORT_VALUE { count } else { 0 };
+        let clock = port.clock.as_deref().map(|clock| {
+            clocks.push(shown_clock(clock));
+            std::ptr::from_ref(&clocks[clocks.len() - 1])
+        });
         PbPort {
             struct_size: size::<PbPort>(),
-            input,
-            kind: self.kind,
+            input: port.input,
+            kind,
             reserved: 0,
-            count: self.count,
-            values: self.values.as_ptr(),
-            frames: self.frames.as_ptr(),
-            number: self.number,
-            clock: self.clock.as_ref().map_or(std::ptr::null(), |clock| &raw const *clock),
+            count: count as u64,
+            values: values[values.len() - own..].as_ptr(),
+            frames: frames[frames.len() - if is_frames { count } else { 0 }..].as_ptr(),
+            number,
+            clock: clock.unwrap_or(std::ptr::null()),
         }
     }
 }
@@ -463,8 +538,8 @@ unsafe extern "C" fn put(
     block: *mut PbBlock,
 ) -> u32 {
     // SAFETY: the plugin hands over the task that it was shown, a text, `rank` extents, and a block of its own.
-    let (call, name, shape, data) = unsafe { (call(task), read_text(name), read_shape(rank, shape), take(block)) };
-    call.map_or(PB_FAILED, |call| status(call, call.put(output, index, name, shape, data)))
+    let (call, shape, data) = unsafe { (call(task), read_shape(rank, shape), take(block)) };
+    call.map_or(PB_FAILED, |call| status(call, call.put(output, index, call.name(name), shape, data)))
 }
 
 unsafe extern "C" fn array(
@@ -477,11 +552,11 @@ unsafe extern "C" fn array(
     shape: *const u64,
 ) -> *mut u8 {
     // SAFETY: the plugin hands over the task that it was shown, a text, and `rank` extents.
-    let (call, name, shape) = unsafe { (call(task), read_text(name), read_shape(rank, shape)) };
+    let (call, shape) = unsafe { (call(task), read_shape(rank, shape)) };
     let Some(call) = call else { return std::ptr::null_mut() };
     let count = shape.as_ref().and_then(|s| s.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)));
     let (data, start) = count.and_then(|count| zeroed(dtype, count)).unzip();
-    match (call.put(output, index, name, shape, data), start) {
+    match (call.put(output, index, call.name(name), shape, data), start) {
         (Ok(()), Some(start)) => start,
         (Ok(()), None) => std::ptr::null_mut(),
         (Err(why), _) => {
@@ -496,14 +571,19 @@ unsafe extern "C" fn meta(task: *const PbTask, output: u32, index: u64, json: Pb
     let (call, json) = unsafe { (call(task), read_text(json)) };
     let Some(call) = call else { return PB_FAILED };
     let read = serde_json::from_str::<Meta>(&json).map_err(|e| format!("text of output {output}: expected one JSON object: {e}"));
-    status(call, read.map(|meta| call.answer().making(output, index).meta = Some(meta)))
+    let mut answer = call.answer();
+    if let (Ok(meta), Some(parts)) = (&read, answer.parts(output, index)) {
+        parts.meta = meta.clone();
+    }
+    drop(answer);
+    status(call, read.map(|_| ()))
 }
 
 unsafe extern "C" fn pass(task: *const PbTask, output: u32, index: u64, value: *const PbValue) -> u32 {
     // SAFETY: the plugin hands over the task that it was shown, and a value that it may look at, which is the first field of a `Held`.
     let (call, value) = unsafe { (call(task), value.cast::<Held>().as_ref()) };
     let (Some(call), Some(held)) = (call, value) else { return PB_FAILED };
-    call.answer().making(output, index).passed = Some(held.value.clone());
+    *call.answer().made(output, index) = MadeOf::Passed(held.value.clone());
     PB_OK
 }
 
@@ -564,8 +644,8 @@ unsafe extern "C" fn error(task: *const PbTask, fault: u32, message: PbText, hel
         PB_FAULT_IO => Fault::Io,
         _ => Fault::Plugin,
     };
-    let failed = NodeError::new(fault, message);
-    call.answer().error.get_or_insert(if help.is_empty() { failed } else { failed.help(help) });
+    let failed = NodeError::new(fault, message.into_owned());
+    call.answer().error.get_or_insert(if help.is_empty() { failed } else { failed.help(help.into_owned()) });
 }
 
 unsafe extern "C" fn need(task: *const PbTask, input: u32, frame: i64) -> u32 {

@@ -239,8 +239,8 @@ mod tests {
     #[test]
     fn what_may_be_left_out_of_files_may() {
         let arrays = vec![
-            ("positions".to_owned(), Array { shape: vec![3, 3], data: Data::F64(vec![0.0; 9]) }),
-            ("triangles".to_owned(), Array { shape: vec![1, 3], data: Data::U32(vec![0, 1, 2]) }),
+            ("positions".into(), Array { shape: vec![3, 3], data: Data::F64(vec![0.0; 9]) }),
+            ("triangles".into(), Array { shape: vec![1, 3], data: Data::U32(vec![0, 1, 2]) }),
         ];
         assert_eq!(Mesh::from_parts(OwnedParts { arrays, ..OwnedParts::default() }), Ok(triangle()));
     }

@@ -2,6 +2,7 @@
 #![allow(unsafe_code, reason = "the C ABI of plugins; each block says what it relies on")]
 
 use std::borrow::Cow;
+use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicPtr, Ordering};
 use std::sync::{Arc, OnceLock, PoisonError, RwLock};
@@ -12,19 +13,22 @@ use pegbar_abi::{
     PB_PORT_SEQUENCE, PB_PORT_VALUE, PB_STATE, PB_TASK_SUITE, PB_U8, PB_U32, PB_VALUE_SUITE, PbArray, PbBlock, PbClock, PbHost, PbPlugin,
     PbPort, PbSetting, PbSettings, PbTask, PbTaskSuite, PbText, PbValue, PbValueSuite,
 };
-use pegbar_engine::array::{Array, Block, Bytes, DType, Data, Shared, with_allocator};
+use pegbar_engine::array::{Array, ArrayView, Block, Bytes, DType, Data, Shape, Shared, with_allocator};
 use pegbar_engine::clock::Clock;
 use pegbar_engine::node::{Arg, Cancel, Context, Fault, InputSchema, InputType, Kind, Literal, NodeError, OutValue, SequenceRef, Values};
 use pegbar_engine::plugin::{Description, InputText, NodeText, OutputText, Threads, TypeText};
 use pegbar_engine::registry::{NodeType, Registry};
 use pegbar_engine::setting::Place;
-use pegbar_engine::value::{Curve, OwnedParts, ValueRef};
+use pegbar_engine::value::{Curve, OwnedParts, ValueRef, ValueType};
 
 /// What a plugin exports.
 pub struct Exports {
     registry: Registry,
     /// In the order of the schema.
     nodes: Vec<NodeType>,
+    /// The types of their inputs, and of their states.
+    inputs: Vec<Vec<Option<ValueType>>>,
+    states: Vec<Option<ValueType>>,
     /// Kept, as `plugin` leads to it.
     _schema: String,
     plugin: PbPlugin,
@@ -112,7 +116,13 @@ impl Exports {
             needs,
             compute,
         };
-        Self { registry, nodes, _schema: schema, plugin }
+        let states = nodes.iter().map(|node| node.operator.state_type()).collect();
+        let ty = |input: &InputSchema| match input.ty {
+            InputType::Value(name) => registry.get_type(name).cloned(),
+            _ => None,
+        };
+        let inputs = nodes.iter().map(|node| node.schema.inputs.iter().map(ty).collect()).collect();
+        Self { registry, nodes, inputs, states, _schema: schema, plugin }
     }
 }
 
@@ -150,11 +160,20 @@ fn node_text(node: &NodeType) -> NodeText {
 /// # Safety
 /// It points at as many bytes as it says.
 unsafe fn read_text<'a>(text: &PbText) -> Cow<'a, str> {
+    // SAFETY: as the caller says.
+    String::from_utf8_lossy(unsafe { bytes_of(text) })
+}
+
+/// The bytes of a text.
+///
+/// # Safety
+/// As of [`read_text`].
+unsafe fn bytes_of<'a>(text: &PbText) -> &'a [u8] {
     if text.data.is_null() || text.size == 0 {
-        return Cow::Borrowed("");
+        return &[];
     }
     // SAFETY: the caller vouches for the bytes.
-    String::from_utf8_lossy(unsafe { std::slice::from_raw_parts(text.data, text.size as usize) })
+    unsafe { std::slice::from_raw_parts(text.data, text.size as usize) }
 }
 
 /// The structs of a row, each as large as it says.
@@ -185,9 +204,18 @@ impl Drop for HostValue {
     }
 }
 
+impl HostValue {
+    /// # Safety
+    /// The host's value is held, or there for as long as this call.
+    unsafe fn hold(value: *const PbValue) -> Option<Self> {
+        // SAFETY: as the caller says.
+        SUITES.get().map(|suites| unsafe { (suites.values.hold)(value) }).map(|()| Self(value))
+    }
+}
+
 /// An array of a host's value.
 struct HostArray {
-    _value: Arc<HostValue>,
+    _value: HostValue,
     data: *const u8,
     len: usize,
 }
@@ -232,32 +260,46 @@ fn strange(what: &str) -> NodeError {
     NodeError::new(Fault::Plugin, format!("expected {what} from the host, found another"))
 }
 
-/// A value of the host as a value of the plugin, which shares its arrays.
-fn adopt(held: HostValue, exports: &Exports, state: Option<&NodeType>) -> Result<ValueRef, NodeError> {
-    // SAFETY: the value is held.
+/// Arrays of fewer bytes are copied, which takes less than to hold them.
+const SMALL: usize = 1 << 10;
+
+/// A value of the host as a value of the plugin, which shares its large arrays. It is of the type `ty`, unless another is found.
+///
+/// # Safety
+/// The host's value is there for as long as the call.
+unsafe fn adopt(at: *const PbValue, exports: &Exports, ty: Option<&ValueType>) -> Result<ValueRef, NodeError> {
+    // SAFETY: as the caller says.
     let (name, meta, arrays) = unsafe {
-        let value = &*held.0;
-        (read_text(&value.type_name), read_text(&value.meta), row::<PbArray>(value.arrays, value.array_count as usize))
+        let value = &*at;
+        (bytes_of(&value.type_name), bytes_of(&value.meta), row::<PbArray>(value.arrays, value.array_count as usize))
     };
-    let held = Arc::new(held);
-    let mut parts = OwnedParts::default();
-    if meta != "{}" {
-        parts.meta = serde_json::from_str(&meta).map_err(|_| strange("a value whose text is one JSON object"))?;
+    let found = || String::from_utf8_lossy(name);
+    let ty = ty.filter(|ty| ty.schema.name.as_bytes() == name).or_else(|| exports.registry.get_type(&found()));
+    let ty = ty.ok_or_else(|| strange(&format!("a value of a type of the plugin, found {}; such a value", found())))?;
+    let mut parts = OwnedParts { arrays: Vec::with_capacity(ty.schema.arrays.len()), ..OwnedParts::default() };
+    if meta.len() > "{}".len() {
+        parts.meta = serde_json::from_slice(meta).map_err(|_| strange("a value whose text is one JSON object"))?;
     }
     for array in arrays {
         let dtype = dtype_of(array.dtype).ok_or_else(|| strange("an element type"))?;
-        let bytes = HostArray { _value: held.clone(), data: array.data, len: array.bytes as usize };
-        let data = Shared::new(dtype, Arc::new(bytes)).ok_or_else(|| strange("an array that is aligned"))?;
+        let len = array.bytes as usize;
+        let data = if len < SMALL && !array.data.is_null() {
+            // SAFETY: the value has as many bytes there.
+            Data::copied(dtype, unsafe { std::slice::from_raw_parts(array.data, len) })
+        } else {
+            // SAFETY: the value is there.
+            let held = unsafe { HostValue::hold(at) }.ok_or_else(|| strange("its suites"))?;
+            Shared::new(dtype, Arc::new(HostArray { _value: held, data: array.data, len })).map(Data::Shared)
+        };
+        let data = data.ok_or_else(|| strange("an array that is aligned"))?;
         let shape = array.shape.iter().take(array.rank as usize).map(|&n| n as usize).collect();
-        // SAFETY: the value is held.
-        parts.arrays.push((unsafe { read_text(&array.name) }.into_owned(), Array { shape, data: Data::Shared(data) }));
+        // SAFETY: the value is there.
+        let name = unsafe { bytes_of(&array.name) };
+        let known = ty.schema.arrays.iter().find(|a| a.name.as_bytes() == name);
+        let name = known.map_or_else(|| Cow::Owned(String::from_utf8_lossy(name).into_owned()), |a| Cow::Borrowed(a.name));
+        parts.arrays.push((name, Array { shape, data }));
     }
-    let ty = match state {
-        Some(node) => node.operator.state_type(),
-        None => exports.registry.get_type(&name).cloned(),
-    };
-    let ty = ty.ok_or_else(|| strange(&format!("a value of a type of the plugin, found {name}; such a value")))?;
-    (ty.from_parts)(parts).map_err(|e| NodeError::input(format!("a value of {name}: {e}")))
+    (ty.from_parts)(parts).map_err(|e| NodeError::input(format!("a value of {}: {e}", ty.schema.name)))
 }
 
 /// A task that may be talked to while it runs, and not after.
@@ -275,8 +317,8 @@ impl Live {
         SUITES.get().filter(|_| !task.is_null()).map(|suites| ask(*task, suites))
     }
 
-    fn end(&self) {
-        *self.0.write().unwrap_or_else(PoisonError::into_inner) = std::ptr::null();
+    fn set(&self, task: *const PbTask) {
+        *self.0.write().unwrap_or_else(PoisonError::into_inner) = task;
     }
 }
 
@@ -297,20 +339,28 @@ impl Values for HostSequence {
         // SAFETY: the task runs.
         let fetched = self.live.ask(|task, suites| unsafe { (suites.values.fetch)(task, self.port, idx as u64) });
         match fetched {
-            Some(value) if !value.is_null() => adopt(HostValue(value), self.exports, None),
+            Some(value) if !value.is_null() => {
+                let held = HostValue(value);
+                // SAFETY: it is held.
+                unsafe { adopt(held.0, self.exports, None) }
+            }
             _ => Err(NodeError::input(format!("value {idx} of a sequence of {} cannot be had", self.len))),
         }
     }
 }
 
+/// A clock; that which was read before where the name is the same.
+///
 /// # Safety
 /// `clock` is the host's, or null.
-unsafe fn read_clock(clock: *const PbClock) -> Option<Clock> {
+unsafe fn read_clock(clock: *const PbClock, before: Option<Clock>) -> Option<Clock> {
     // SAFETY: as the caller says.
     let clock = unsafe { clock.as_ref() }?;
     // SAFETY: as above.
-    let name = unsafe { read_text(&clock.name) };
-    Some(Clock { name: name.into_owned(), first: clock.first, last: clock.last, fps: (clock.fps_numerator, clock.fps_denominator) })
+    let name = unsafe { bytes_of(&clock.name) };
+    let before = before.map(|before| before.name).filter(|before| before.as_bytes() == name);
+    let name = before.unwrap_or_else(|| String::from_utf8_lossy(name).into_owned());
+    Some(Clock { name, first: clock.first, last: clock.last, fps: (clock.fps_numerator, clock.fps_denominator) })
 }
 
 /// An instance: the settings of a node of a graph.
@@ -388,7 +438,6 @@ unsafe extern "C" fn destroy(instance: *mut u8) {
 /// What a task's ports and settings are to the node.
 struct Given {
     args: Vec<Arg>,
-    clock: Clock,
     input_clocks: Vec<(&'static str, Arc<Clock>)>,
 }
 
@@ -396,8 +445,6 @@ struct Given {
 /// `task` runs.
 unsafe fn given(instance: &Instance, task: &PbTask, live: &Live, exports: &'static Exports) -> Result<Given, NodeError> {
     let inputs = &exports.nodes[instance.node].schema.inputs;
-    // SAFETY: as the caller says.
-    let clock = unsafe { read_clock(task.clock) }.ok_or_else(|| strange("a clock"))?;
     let mut input_clocks: Vec<(&'static str, Arc<Clock>)> = Vec::new();
     let mut args: Vec<Arg> = (instance.literals.iter().zip(inputs))
         .map(|(literal, input)| match literal {
@@ -410,31 +457,34 @@ unsafe fn given(instance: &Instance, task: &PbTask, live: &Live, exports: &'stat
     // SAFETY: as the caller says.
     for (i, port) in unsafe { row::<PbPort>(task.ports, task.port_count as usize) }.enumerate() {
         // SAFETY: as the caller says.
-        let clock = unsafe { read_clock(port.clock) }.map(Arc::new);
+        let clock = unsafe { read_clock(port.clock, None) }.map(Arc::new);
         let name = inputs.get(port.input as usize).ok_or_else(|| strange("an input of the schema"))?.name;
         if let Some(clock) = &clock {
             input_clocks.push((name, clock.clone()));
         }
+        let ty = exports.inputs[instance.node][port.input as usize].as_ref();
         // SAFETY: as the caller says.
-        let arg = unsafe { arg(i as u32, port, clock, live, exports) }?;
+        let arg = unsafe { arg(i as u32, port, (clock, ty), live, exports) }?;
         match &mut args[port.input as usize] {
             Arg::List(list) => list.push(arg),
             place => *place = arg,
         }
     }
-    Ok(Given { args, clock, input_clocks })
+    Ok(Given { args, input_clocks })
 }
 
 /// # Safety
 /// The task whose port it is runs.
-unsafe fn arg(index: u32, port: &PbPort, clock: Option<Arc<Clock>>, live: &Live, exports: &'static Exports) -> Result<Arg, NodeError> {
-    let suites = SUITES.get().ok_or_else(|| strange("its suites"))?;
+unsafe fn arg(
+    index: u32,
+    port: &PbPort,
+    (clock, ty): (Option<Arc<Clock>>, Option<&ValueType>),
+    live: &Live,
+    exports: &'static Exports,
+) -> Result<Arg, NodeError> {
     let value = |i: usize| {
-        // SAFETY: there are `count` values, which may be held while the task runs.
-        let value = unsafe { *port.values.add(i) };
-        // SAFETY: as above.
-        unsafe { (suites.values.hold)(value) };
-        adopt(HostValue(value), exports, None)
+        // SAFETY: there are `count` values, for as long as the task runs.
+        unsafe { adopt(*port.values.add(i), exports, ty) }
     };
     let count = port.count as usize;
     Ok(match port.kind {
@@ -454,14 +504,13 @@ unsafe extern "C" fn needs(instance: *mut u8, task: *const PbTask) -> u32 {
     // SAFETY: the host keeps to the ABI.
     guarded(task, |exports| unsafe {
         let (instance, task) = (&*instance.cast::<Instance>(), &*task);
-        with_live(task, |live| {
-            let given = given(instance, task, live, exports)?;
+        with_talk(task, |talk, clock| {
+            let given = given(instance, task, &talk.live, exports)?;
             let node = &exports.nodes[instance.node];
             let asking: Vec<(u32, &'static str)> =
                 node.schema.inputs.iter().enumerate().filter(|(_, i)| i.access.asks()).map(|(i, s)| (i as u32, s.name)).collect();
             let names: Vec<&'static str> = asking.iter().map(|(_, name)| *name).collect();
-            let cancel = cancel(live);
-            let cx = Context { frame: task.frame, clock: &given.clock, input_clocks: &given.input_clocks, cancel: &cancel };
+            let cx = Context { frame: task.frame, clock, input_clocks: &given.input_clocks, cancel: &talk.cancel };
             let args = with_placeholders(given.args, &node.schema.inputs);
             let needs = node.operator.needs(args, &names, &cx)?;
             let suites = SUITES.get().ok_or_else(|| strange("its suites"))?;
@@ -489,42 +538,71 @@ fn with_placeholders(args: Vec<Arg>, inputs: &[InputSchema]) -> Vec<Arg> {
     args.into_iter().zip(inputs).map(one).collect()
 }
 
-fn with_live<R>(task: *const PbTask, work: impl FnOnce(&Live) -> R) -> R {
-    struct End(Live);
-    impl Drop for End {
-        fn drop(&mut self) {
-            self.0.end();
-        }
-    }
-    #[allow(clippy::arc_with_non_send_sync, reason = "`Live`, around it, may be sent and shared, and says why")]
-    let live = Live(Arc::new(RwLock::new(task)));
-    let end = End(live);
-    work(&end.0)
+/// What a thread needs to talk to the host while a task runs; kept from task to task.
+struct Talk {
+    live: Live,
+    cancel: Cancel,
 }
 
-fn cancel(live: &Live) -> Cancel {
-    let live = live.clone();
-    // SAFETY: the task runs while it may be asked.
-    Cancel::asking(move || live.ask(|task, suites| unsafe { (suites.tasks.is_cancelled)(task) } != 0).unwrap_or(true))
+impl Talk {
+    fn new() -> Self {
+        #[allow(clippy::arc_with_non_send_sync, reason = "`Live`, around it, may be sent and shared, and says why")]
+        let live = Live(Arc::new(RwLock::new(std::ptr::null())));
+        let asked = live.clone();
+        // SAFETY: the task runs while it may be asked.
+        let cancel = Cancel::asking(move || asked.ask(|task, suites| unsafe { (suites.tasks.is_cancelled)(task) } != 0).unwrap_or(true));
+        Self { live, cancel }
+    }
+
+    /// True where no thread that a task began could still ask by it: it and what it asks are all there is.
+    fn is_own(&self) -> bool {
+        self.cancel.is_unshared() && Arc::strong_count(&self.live.0) == 2
+    }
+}
+
+thread_local! {
+    static TALK: Cell<Option<(Talk, Option<Clock>)>> = const { Cell::new(None) };
+    /// True once a task of this thread has made memory of the host.
+    static HAS_BLOCKS: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Lets the host be talked to about a task while `work` runs.
+fn with_talk<R>(task: &PbTask, work: impl FnOnce(&Talk, &Clock) -> Result<R, NodeError>) -> Result<R, NodeError> {
+    struct End(Option<(Talk, Option<Clock>)>);
+    impl Drop for End {
+        fn drop(&mut self) {
+            if let Some((talk, clock)) = self.0.take() {
+                talk.live.set(std::ptr::null());
+                if talk.is_own() {
+                    let _ = TALK.try_with(|kept| kept.set(Some((talk, clock))));
+                }
+            }
+        }
+    }
+    let (talk, before) = TALK.take().unwrap_or_else(|| (Talk::new(), None));
+    // SAFETY: the task runs.
+    let clock = unsafe { read_clock(task.clock, before) };
+    talk.live.set(task);
+    let end = End(Some((talk, clock)));
+    match &end.0 {
+        Some((talk, Some(clock))) => work(talk, clock),
+        _ => Err(strange("a clock")),
+    }
 }
 
 unsafe extern "C" fn compute(instance: *mut u8, task: *const PbTask) -> u32 {
     // SAFETY: the host keeps to the ABI.
     guarded(task, |exports| unsafe {
         let (instance, task) = (&*instance.cast::<Instance>(), &*task);
-        with_live(task, |live| {
-            let given = given(instance, task, live, exports)?;
+        with_talk(task, |talk, clock| {
+            let given = given(instance, task, &talk.live, exports)?;
             let node = &exports.nodes[instance.node];
-            let cancel = cancel(live);
-            let cx = Context { frame: task.frame, clock: &given.clock, input_clocks: &given.input_clocks, cancel: &cancel };
+            let cx = Context { frame: task.frame, clock, input_clocks: &given.input_clocks, cancel: &talk.cancel };
             let state = match (node.schema.kind, task.state.is_null()) {
-                (Kind::Recurrent, false) => {
-                    let suites = SUITES.get().ok_or_else(|| strange("its suites"))?;
-                    (suites.values.hold)(task.state);
-                    Some(adopt(HostValue(task.state), exports, Some(node))?)
-                }
+                (Kind::Recurrent, false) => Some(adopt(task.state, exports, exports.states[instance.node].as_ref())?),
                 _ => None,
             };
+            HAS_BLOCKS.set(false);
             with_allocator(allocate, || {
                 let computed = node.operator.compute(given.args, state, &cx)?;
                 for (p, out) in computed.outputs.into_iter().enumerate() {
@@ -580,38 +658,51 @@ fn allocate(dtype: DType, count: usize) -> Option<Box<dyn Block>> {
     let suites = SUITES.get()?;
     // SAFETY: the host may be asked for memory at any time.
     let block = unsafe { (suites.values.alloc)(code_of(dtype), count as u64) };
+    HAS_BLOCKS.set(true);
     (!block.is_null()).then(|| Box::new(HostBlock(block)) as Box<dyn Block>)
 }
 
 /// Puts a value out, array by array: without a copy where an array lies in the host's memory and nobody else has the value.
 fn put(task: *const PbTask, output: u32, index: u64, mut value: ValueRef) -> Result<(), NodeError> {
     let suites = SUITES.get().ok_or_else(|| strange("its suites"))?;
-    let parts = value.parts();
-    let arrays: Vec<(&'static str, DType, Vec<u64>)> =
-        parts.arrays.iter().map(|(name, view)| (*name, view.dtype, view.shape.iter().map(|&n| n as u64).collect())).collect();
-    if !parts.meta.is_empty() {
-        let json = serde_json::Value::Object(parts.meta).to_string();
+    let meta = value.meta();
+    if !meta.is_empty() {
+        let json = serde_json::Value::Object(meta).to_string();
         // SAFETY: the task runs, and the text lives through the call.
         unsafe { (suites.values.meta)(task, output, index, PbText::new(&json)) };
     }
-    for (at, (name, dtype, shape)) in arrays.into_iter().enumerate() {
-        let (text, rank) = (PbText::new(name), shape.len() as u32);
-        // A host's block is taken out of a value that this alone has.
-        if let Some(block) = Arc::get_mut(&mut value).and_then(|value| value.take_block(name)) {
-            let handle = std::ptr::with_exposed_provenance_mut(block.into_handle());
-            // SAFETY: the block is the host's, whose it is again; the task runs, and name and shape live through the call.
-            unsafe { (suites.values.put)(task, output, index, text, rank, shape.as_ptr(), handle) };
-            continue;
-        }
-        let parts = value.parts();
-        let Some((_, view)) = parts.arrays.get(at) else { continue };
-        // SAFETY: as above.
-        let to = unsafe { (suites.values.array)(task, output, index, text, code_of(dtype), rank, shape.as_ptr()) };
+    let copy = |(name, view): (&'static str, ArrayView<'_>)| {
+        let (name, (rank, shape)) = (PbText::new(name), shape_of(&view.shape));
+        // SAFETY: the task runs, and name and shape live through the call.
+        let to = unsafe { (suites.values.array)(task, output, index, name, code_of(view.dtype), rank, shape.as_ptr()) };
         if to.is_null() {
             return Err(strange("memory for an output"));
         }
         // SAFETY: the host gave memory for as many elements as the shape says, and nobody else has it.
         unsafe { std::ptr::copy_nonoverlapping(view.bytes.as_ptr(), to, view.bytes.len()) };
+        Ok(())
+    };
+    if !HAS_BLOCKS.get() {
+        return (0..).map_while(|at| value.nth_array(at)).try_for_each(copy);
+    }
+    let mut at = 0;
+    while let Some((name, ArrayView { shape, .. })) = value.nth_array(at) {
+        // A host's block is taken out of a value that this alone has.
+        if let Some(block) = Arc::get_mut(&mut value).and_then(|value| value.take_block(name)) {
+            let handle = std::ptr::with_exposed_provenance_mut(block.into_handle());
+            let (rank, shape) = shape_of(&shape);
+            // SAFETY: the block is the host's, whose it is again; the task runs, and name and shape live through the call.
+            unsafe { (suites.values.put)(task, output, index, PbText::new(name), rank, shape.as_ptr(), handle) };
+        } else {
+            value.nth_array(at).map_or(Ok(()), copy)?;
+        }
+        at += 1;
     }
     Ok(())
+}
+
+fn shape_of(shape: &Shape) -> (u32, [u64; Shape::MAX_RANK]) {
+    let mut axes = [0; Shape::MAX_RANK];
+    axes.iter_mut().zip(shape.iter()).for_each(|(to, &n)| *to = n as u64);
+    (shape.len() as u32, axes)
 }

@@ -72,6 +72,27 @@ fn inputs_and_settings_of_every_kind_arrive() {
     assert_eq!(plain("maybe: \"@a\", limit: None"), [7.0, 4.0]);
 }
 
+#[test]
+fn values_of_six_inputs_are_blended_frame_by_frame() {
+    let row = "\"a\": (type: \"sums.next\", value: [1.0, 2.0])";
+    let blended = numbers(
+        &format!("{row}, \"b\": (type: \"sums.blend\", one: \"@a\", other: [6.0, 7.0], amount: 0.25, offset: 1.0, skip: 1)"),
+        "b.value",
+    );
+    assert_eq!(blended, [[5.0]]);
+}
+
+/// Large arrays go as they are, small ones as copies, and both come back with their numbers.
+#[test]
+fn arrays_of_any_size_arrive() {
+    for count in [2, 127, 128, 129, 1000] {
+        let rows =
+            numbers(&format!("\"m\": (type: \"sums.make\", count: {count}), \"l\": (type: \"sums.look\", numbers: \"@m\")"), "l.value");
+        let [at, made_at, more, remark] = rows[0][..] else { panic!("{rows:?}") };
+        assert_eq!((at == made_at, more, remark), (count >= 128, 1.5, 11.0), "{count}");
+    }
+}
+
 const FRAME: &str = "\"f\": (type: \"sums.frame\")";
 
 #[test]
@@ -118,12 +139,26 @@ fn a_panic_and_a_failure_are_errors_of_their_frames() {
 fn the_manifest_says_what_the_declarations_say() {
     let plugin = &found().manifest.plugin;
     let ids: Vec<&str> = plugin.nodes.iter().map(|n| n.id.as_str()).collect();
-    assert_eq!(ids, ["sums.back", "sums.frame", "sums.join", "sums.look", "sums.make", "sums.running", "sums.window", "sums.wrong"]);
-    let join = &plugin.nodes[2];
+    assert_eq!(
+        ids,
+        [
+            "sums.back",
+            "sums.blend",
+            "sums.frame",
+            "sums.join",
+            "sums.look",
+            "sums.make",
+            "sums.next",
+            "sums.running",
+            "sums.window",
+            "sums.wrong"
+        ]
+    );
+    let join = &plugin.nodes[3];
     let input = |name: &str| join.inputs.iter().find(|i| i.name == name).unwrap();
     assert_eq!(input("limit").range, Some((0.0, f64::from(u32::MAX))));
     assert!(input("limit").optional && input("maybe").optional && input("several").list && input("factor").wire);
     assert_eq!(input("how").ty, PortType::Setting("sum | the_product".to_owned()));
     assert_eq!(input("how").choices[1], ("the_product".to_owned(), "Product.".to_owned()));
-    assert!(plugin.nodes[6].asks && !plugin.nodes[7].asks);
+    assert!(plugin.nodes[8].asks && !plugin.nodes[9].asks);
 }

@@ -126,7 +126,7 @@ impl Kind {
 
     /// A value of this kind; other numbers with another `offset`. `None` where the type does not take it.
     pub fn value(self, ty: &ValueType, sizes: Sizes, offset: usize) -> Option<ValueRef> {
-        let arrays = ty.schema.arrays.iter().map(|a| (a.name.to_owned(), self.array(sizes, a.dtype, a.shape, offset)));
+        let arrays = ty.schema.arrays.iter().map(|a| (a.name.into(), self.array(sizes, a.dtype, a.shape, offset)));
         let mut parts = OwnedParts { arrays: arrays.collect(), ..OwnedParts::default() };
         self.hold_together(&mut parts, ty.schema.name);
         let windows = match self {

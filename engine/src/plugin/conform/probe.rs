@@ -242,7 +242,7 @@ impl<'a> Subject<'a> {
         }
         // The host's own type would keep its arrays where it wants to.
         let parts = value.parts();
-        let arrays = parts.arrays.iter().map(|(name, view)| Some(((*name).to_owned(), guarded(view.to_array())?)));
+        let arrays = parts.arrays.iter().map(|(name, view)| Some(((*name).into(), guarded(view.to_array())?)));
         let parts = OwnedParts { arrays: arrays.collect::<Option<_>>()?, meta: parts.meta };
         (dynamic_type(ty.schema.clone()).from_parts)(parts).ok()
     }

@@ -234,13 +234,7 @@ pub(super) fn copy(bytes: &[u8]) -> Option<(Arc<dyn Bytes>, u64)> {
 pub(super) fn output(dtype: DType, count: usize) -> Option<(Data, u64)> {
     let bytes = count.checked_mul(dtype.size())?;
     // Where the allocator of the program asks here, the elements are the program's own from the beginning.
-    let own = match dtype {
-        DType::F32 => Data::F32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        DType::F64 => Data::F64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        DType::I64 => Data::I64(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        DType::U32 => Data::U32(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-        DType::U8 => Data::U8(bytemuck::allocation::try_zeroed_vec(count).ok()?),
-    };
+    let own = Data::zeroed(dtype, count)?;
     let at = own.bytes().as_ptr();
     if let Some(offset) = offset(at, bytes).filter(|offset| offset % GRAIN as u64 == 0) {
         return Some((own, offset));

@@ -409,11 +409,11 @@ fn read_parts(process: &mut Process, from: &mut Reader) -> Option<OwnedParts> {
         text => serde_json::from_str(text).ok()?,
     };
     let arrays = from.list(|from| {
-        let name = from.text()?.to_owned();
+        let name = from.text()?.to_owned().into();
         let dtype = message::read_dtype(from)?;
         let shape = message::read_shape(from)?;
         let data: Data = match from.u32()? {
-            message::HERE => message::elements(dtype, from.bytes()?)?,
+            message::HERE => Data::copied(dtype, from.bytes()?)?,
             message::THERE => process.blocks.remove(&from.u64()?)?,
             _ => return None,
         };

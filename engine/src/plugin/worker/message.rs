@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::wire::{Reader, Writer};
-use crate::array::{DType, Data};
+use crate::array::DType;
 use crate::clock::Clock;
 use crate::node::NodeError;
 use crate::plugin::call::Settings;
@@ -60,20 +60,6 @@ pub(super) fn read_dtype(from: &mut Reader) -> Option<DType> {
         4 => DType::U32,
         5 => DType::U8,
         _ => return None,
-    })
-}
-
-/// Elements out of bytes that need not be aligned; `None` where they are no whole number of them.
-pub(super) fn elements(dtype: DType, bytes: &[u8]) -> Option<Data> {
-    if !bytes.len().is_multiple_of(dtype.size()) {
-        return None;
-    }
-    Some(match dtype {
-        DType::F32 => Data::F32(bytemuck::allocation::pod_collect_to_vec(bytes)),
-        DType::F64 => Data::F64(bytemuck::allocation::pod_collect_to_vec(bytes)),
-        DType::I64 => Data::I64(bytemuck::allocation::pod_collect_to_vec(bytes)),
-        DType::U32 => Data::U32(bytemuck::allocation::pod_collect_to_vec(bytes)),
-        DType::U8 => Data::U8(bytes.to_vec()),
     })
 }
 

@@ -76,8 +76,7 @@ fn serve() -> Option<()> {
     let mut message = Vec::new();
     let mut answer = Writer::default();
     locked(&serving.lane).receive(&mut message, usize::MAX, &mut || true).ok()?;
-    let plugin = load(&mut Reader(&message))?;
-    let mut tasks = Tasks { plugin, settings: BTreeMap::new() };
+    let mut tasks = load(&mut Reader(&message))?;
     // What says that it is loaded.
     answer.u32(DONE);
     loop {
@@ -103,7 +102,7 @@ fn note_signals(serving: &'static Serving) {
     rights::note_signals(serving.control);
 }
 
-fn load(from: &mut Reader) -> Option<InProcess> {
+fn load(from: &mut Reader) -> Option<Tasks> {
     if from.u32()? != LOAD {
         return None;
     }
@@ -113,11 +112,15 @@ fn load(from: &mut Reader) -> Option<InProcess> {
     let most = from.u64()?;
     rights::limit_memory(most);
     rights::give_up(&writable);
-    Some(InProcess::new(Arc::new(manifest), folder, true))
+    let types = manifest.plugin.values.iter().chain(manifest.plugin.nodes.iter().filter_map(|node| node.state.as_ref()));
+    let names = types.flat_map(|ty| ty.arrays.iter().map(|array| intern(&array.name))).chain(["values", "value"]).collect();
+    Some(Tasks { plugin: InProcess::new(Arc::new(manifest), folder, true), names, settings: BTreeMap::new() })
 }
 
 struct Tasks {
     plugin: InProcess,
+    /// Names of arrays, as values of its types have them.
+    names: Vec<&'static str>,
     settings: BTreeMap<u64, Arc<Settings>>,
 }
 
@@ -142,7 +145,7 @@ impl Tasks {
         rights::INPUTS[3].store(sheet.range().end, Ordering::Relaxed);
         let control = serving.control;
         let cancel = Cancel::asking(move || control.cancel.load(Ordering::Relaxed) != 0);
-        let request = Request { node, settings: &settings, frame, clock: &clock, ports, state, cancel: &cancel };
+        let request = Request { node, settings: &settings, frame, clock: &clock, ports, state, cancel: &cancel, names: &self.names };
         serving.runs.store(true, Ordering::SeqCst);
         let result = if what == NEEDS { self.plugin.needs(&request) } else { self.plugin.compute(&request) };
         serving.runs.store(false, Ordering::SeqCst);

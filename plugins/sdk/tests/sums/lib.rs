@@ -65,6 +65,53 @@ impl PerFrame for SumsJoin {
     }
 }
 
+/// One more than each number.
+#[derive(Node)]
+#[node(id = "sums.next", version = 1, outputs = One)]
+struct SumsNext {
+    /// The numbers.
+    value: In<Vector>,
+}
+
+impl PerFrame for SumsNext {
+    fn run(self, _cx: &Context) -> Result<One, NodeError> {
+        Ok(One { value: Vector { values: self.value.values.iter().map(|n| n + 1.0).collect() } })
+    }
+}
+
+/// Blends two rows of numbers.
+#[derive(Node)]
+#[node(id = "sums.blend", version = 1, outputs = One)]
+struct SumsBlend {
+    /// The one.
+    one: In<Vector>,
+    /// The other.
+    other: In<Vector>,
+    /// How much of the other.
+    #[input(default = 0.5, range = 0.0..=1.0)]
+    amount: f64,
+    /// What is added.
+    #[input(default = 0.0)]
+    offset: f64,
+    /// Numbers at the beginning that are left out.
+    #[input(default = 0)]
+    skip: usize,
+    /// How they are joined before.
+    #[input(default = sum)]
+    how: Join,
+}
+
+impl PerFrame for SumsBlend {
+    fn run(self, _cx: &Context) -> Result<One, NodeError> {
+        let pairs = self.one.values.iter().zip(&self.other.values).skip(self.skip);
+        let blend = |(a, b): (&f64, &f64)| match self.how {
+            Join::Sum => a * (1.0 - self.amount) + b * self.amount + self.offset,
+            Join::TheProduct => a * b + self.offset,
+        };
+        Ok(One { value: Vector { values: pairs.map(blend).collect() } })
+    }
+}
+
 /// The sum of a window of frames.
 #[derive(Node)]
 #[node(id = "sums.window", version = 1, outputs = One)]
@@ -219,7 +266,7 @@ pegbar_plugin::export! {
     name: "sums",
     doc: "Numbers.",
     threads: instance,
-    per_frame: [SumsFrame, SumsJoin, SumsWindow, SumsMake, SumsLook, SumsWrong],
+    per_frame: [SumsBlend, SumsFrame, SumsJoin, SumsWindow, SumsMake, SumsLook, SumsNext, SumsWrong],
     recurrent: [SumsRunning],
     whole: [SumsBack],
     values: [Numbers],

@@ -1,0 +1,139 @@
+//! What a call of a plugin costs, in this process and in a worker: a node that does next to nothing, and a filter of a picture in full HD.
+//!
+//! Both ways take turns, and the least of each counts, which other programs on the machine disturb least. The allocator is the program's, so that pictures
+//! lie where workers see them.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use pegbar_engine::Value;
+use pegbar_engine::array::NdArray;
+use pegbar_engine::clock::Clock;
+use pegbar_engine::node::{Arg, Cancel, Context, InputSchema, InputType};
+use pegbar_engine::plugin::{ENDING, Isolation, LibraryFile, Manifest, describe, digest, find, platform, serve_if_asked};
+use pegbar_engine::registry::{NodeType, Registry};
+use pegbar_engine::setting::Place;
+use pegbar_engine::value::{ValueRef, Vector};
+
+#[allow(dead_code, unreachable_pub, unused_imports, reason = "the program's own file, of which this uses the allocator alone")]
+#[path = "../../../src/pool.rs"]
+mod pool;
+
+#[global_allocator]
+static POOL: pool::Pool = pool::Pool;
+
+/// A picture.
+#[derive(Clone, Debug, Value)]
+struct Clip {
+    /// Samples.
+    #[value(shape = "[c, h, w]")]
+    planes: NdArray<f32, 3>,
+}
+
+/// A plugin's manifest, in a folder with its library.
+fn describe_in(folder: &Path, name: &str) -> Result<PathBuf, Box<dyn Error>> {
+    let library = folder.join(name);
+    let plugin = describe(&library)?;
+    let libraries = [(platform(), LibraryFile { file: name.to_owned(), digest: digest(&library)? })].into();
+    let path = folder.join(format!("{}{ENDING}", plugin.name));
+    Manifest { libraries, plugin }.write(&path)?;
+    Ok(path)
+}
+
+fn build_in_c(folder: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut cc = Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()));
+    cc.args(["-std=c11", "-shared", "-fPIC", "-O2", "-I"]).arg(root.join("../include")).arg("-o").arg(folder.join("libbench.so"));
+    if !cc.arg(root.join("benches/plugins.c")).status()?.success() {
+        return Err("expected a C compiler".into());
+    }
+    describe_in(folder, "libbench.so")
+}
+
+/// What the tests of the SDK load, which Cargo puts beside this.
+fn copy_in_rust(folder: &Path) -> Result<PathBuf, Box<dyn Error>> {
+    let name = format!("{}sums{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
+    std::fs::copy(std::env::current_exe()?.with_file_name(&name), folder.join(&name))?;
+    describe_in(folder, &name)
+}
+
+fn node(manifest: &Path, isolation: Isolation, id: &str) -> Result<NodeType, Box<dyn Error>> {
+    let mut registry = Registry::new().value::<Clip>().with_isolation(isolation);
+    find(manifest).remove(0)?.register(&mut registry)?;
+    Ok(registry.get(id).ok_or("expected the node")?.clone())
+}
+
+/// Values at all inputs that take some, `several` at one that takes a list, and the defaults of settings.
+fn args(node: &NodeType, value: &ValueRef, several: usize) -> Result<Vec<Arg>, Box<dyn Error>> {
+    let one = |input: &InputSchema| -> Result<Arg, Box<dyn Error>> {
+        Ok(match (&input.ty, input.default) {
+            _ if input.list => Arg::List(vec![Arg::Value(value.clone()); several]),
+            (InputType::Setting { .. }, text) => {
+                Arg::Literal((input.parse)(text.unwrap_or("None"), &Place::default()).map_err(|e| e.message)?.0)
+            }
+            _ => Arg::Value(value.clone()),
+        })
+    };
+    node.schema.inputs.iter().map(one).collect()
+}
+
+/// The time of `count` tasks, each.
+fn time(node: &NodeType, args: &[Arg], count: u32) -> Result<Duration, Box<dyn Error>> {
+    let clock = Clock { name: "frames".to_owned(), first: 1, last: 1, fps: (24, 1) };
+    let cancel = Cancel::default();
+    let cx = Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &cancel };
+    let began = Instant::now();
+    for _ in 0..count {
+        node.operator.compute(args.to_vec(), None, &cx)?;
+    }
+    Ok(began.elapsed() / count)
+}
+
+/// The least times of a task of a node, one for each way.
+fn least<const N: usize>(
+    ways: &[Isolation; N],
+    manifest: &Path,
+    (id, several): (&str, usize),
+    value: &ValueRef,
+    (count, rounds): (u32, u32),
+) -> Result<[Duration; N], Box<dyn Error>> {
+    let nodes = ways.iter().map(|way| node(manifest, way.clone(), id)).collect::<Result<Vec<_>, _>>()?;
+    let args = nodes.iter().map(|node| args(node, value, several)).collect::<Result<Vec<_>, _>>()?;
+    let mut least = [Duration::MAX; N];
+    for _ in 0..rounds {
+        for ((least, node), args) in least.iter_mut().zip(&nodes).zip(&args) {
+            *least = (*least).min(time(node, args, count)?);
+        }
+    }
+    Ok(least)
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    serve_if_asked();
+    let folder = tempfile::tempdir()?;
+    let (c, rust) = (build_in_c(folder.path())?, copy_in_rust(folder.path())?);
+    let ways = [Isolation::Off, Isolation::Auto];
+    let numbers: ValueRef = Arc::new(Vector { values: vec![1.0, 2.0] });
+    let calls = [
+        ("C, one input", &c, ("bench.next", 1)),
+        ("Rust, one input", &rust, ("sums.next", 1)),
+        ("Rust, six inputs", &rust, ("sums.blend", 1)),
+        ("Rust, six, a list in them", &rust, ("sums.join", 1)),
+        ("Rust, ten references", &rust, ("sums.join", 5)),
+    ];
+    for (name, manifest, node) in calls {
+        let [here, there] = least(&ways, manifest, node, &numbers, (200, 60))?;
+        println!("{name:<26} in process {here:>10.2?}   isolated {there:>10.2?}");
+    }
+    // After the first node the memory that is shared is there.
+    let data = (0..4 * 1080 * 1920).map(|i| (i % 1000) as f32 / 500.0).collect();
+    let clip = Clip { planes: NdArray::new([4, 1080, 1920], data).ok_or("expected a picture")? };
+    let picture: ValueRef = Arc::new(clip);
+    let [here, there] = least(&ways, &c, ("bench.filter", 1), &picture, (1, 60))?;
+    let more = 100.0 * (there.as_secs_f64() / here.as_secs_f64() - 1.0);
+    println!("{:<26} in process {here:>10.2?}   isolated {there:>10.2?}   {more:+.1} %", "filter of 1920x1080x4");
+    Ok(())
+}
