@@ -1,7 +1,10 @@
 //! Several observers of one run.
 
+use std::sync::Arc;
+
 use pegbar_engine::exec::{Done, Failure, Observer, Results};
 use pegbar_engine::graph::{Graph, Port};
+use pegbar_engine::node::Meter;
 use pegbar_engine::plan::Plan;
 use pegbar_engine::value::ValueRef;
 
@@ -27,6 +30,10 @@ impl Observer for Observers<'_> {
 
     fn started(&self, node: usize, frame: Option<i64>, thread: usize) {
         self.0.iter().for_each(|o| o.started(node, frame, thread));
+    }
+
+    fn meter(&self, thread: usize) -> Option<Arc<Meter>> {
+        self.0.iter().find_map(|o| o.meter(thread))
     }
 
     fn done(&self, done: &Done) {

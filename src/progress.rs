@@ -1,7 +1,7 @@
 //! How far a run is: counters that the executor's threads raise, and one thread that looks at them now and then and shows them.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -9,6 +9,7 @@ use pegbar_engine::diag::SourceMap;
 use pegbar_engine::exec::{Done, Failure, Observer};
 use pegbar_engine::graph::Graph;
 use pegbar_engine::job::{Job, Outcome};
+use pegbar_engine::node::Meter;
 use pegbar_engine::plan::Plan;
 use serde_json::json;
 
@@ -107,6 +108,8 @@ pub(crate) struct Reporter<'a> {
     plans: AtomicUsize,
     /// One for each thread.
     lanes: Vec<Mutex<Lane>>,
+    /// How much of its task each thread has done, where that says.
+    meters: Vec<Arc<Meter>>,
     /// Failures not shown yet.
     failures: Mutex<Vec<(String, Option<i64>, String)>>,
     ended: AtomicBool,
@@ -126,12 +129,18 @@ impl Observer for Reporter<'_> {
         if let Some(lane) = self.lanes.get(thread) {
             let mut lane = lane.lock().unwrap_or_else(PoisonError::into_inner);
             *lane = Lane { begun: lane.begun + 1, task: Some((node, frame)) };
+            self.meters[thread].reset();
         }
+    }
+
+    fn meter(&self, thread: usize) -> Option<Arc<Meter>> {
+        self.meters.get(thread).cloned()
     }
 
     fn done(&self, done: &Done) {
         if let Some(lane) = self.lanes.get(done.thread) {
             lane.lock().unwrap_or_else(PoisonError::into_inner).task = None;
+            self.meters[done.thread].reset();
         }
         if let Some(counter) = self.nodes.get(done.node) {
             counter.nanos.fetch_add(done.time.as_nanos() as u64, Ordering::Relaxed);
@@ -174,6 +183,7 @@ impl<'a> Reporter<'a> {
             start: Instant::now(),
             plans: AtomicUsize::new(0),
             lanes: (0..threads).map(|_| Mutex::default()).collect(),
+            meters: (0..threads).map(|_| Arc::default()).collect(),
             failures: Mutex::default(),
             ended: AtomicBool::new(false),
             lock: Mutex::new(()),
@@ -241,6 +251,32 @@ impl<'a> Reporter<'a> {
         let (done, planned) =
             targets.fold((0, 0), |(d, p), (c, _)| (d + c.done.load(Ordering::Relaxed), p + c.planned.load(Ordering::Relaxed)));
         (self.frames * done).checked_div(planned).unwrap_or(0)
+    }
+
+    /// How much of its task a thread has done, as far as that says.
+    fn done_of(&self, thread: usize) -> Option<f64> {
+        self.meters.get(thread)?.done()
+    }
+
+    /// Tasks that say how much of them is done, and how much that is.
+    fn partly_done(&self) -> Vec<(&str, Option<i64>, f64)> {
+        let one = |(lane, meter): (&Mutex<Lane>, &Arc<Meter>)| {
+            let (node, frame) = lane.lock().unwrap_or_else(PoisonError::into_inner).task?;
+            Some((self.graph.nodes.get(node)?.name.as_str(), frame, meter.done()?))
+        };
+        self.lanes.iter().zip(&self.meters).filter_map(one).collect()
+    }
+
+    /// The same in words, after what else is said; nothing where none says it.
+    fn partly_done_text(&self) -> String {
+        let one = |(node, frame, done): &(&str, Option<i64>, f64)| {
+            let frame = frame.map(|f| format!("@{f}")).unwrap_or_default();
+            format!("{node}{frame} {}", percent(*done))
+        };
+        let tasks = self.partly_done();
+        let more = if tasks.len() > MOST_NAMED { format!(" and {} more", tasks.len() - MOST_NAMED) } else { String::new() };
+        let named: Vec<String> = tasks.iter().take(MOST_NAMED).map(one).collect();
+        if named.is_empty() { String::new() } else { format!(", {}{more}", named.join(", ")) }
     }
 
     fn rate(&self) -> f64 {
@@ -317,14 +353,16 @@ impl<'a> Reporter<'a> {
             Style::Plain => {
                 let to_go = self.to_go().map(|t| format!(", {} to go", duration(t))).unwrap_or_default();
                 console.say(&format!(
-                    "total:   {nodes_done}/{nodes} nodes, {frames_done}/{frames} frames, {tasks_done}/{tasks} tasks, {} frames/s{to_go}\n",
-                    figures(rate)
+                    "total:   {nodes_done}/{nodes} nodes, {frames_done}/{frames} frames, {tasks_done}/{tasks} tasks, {} frames/s{to_go}{}\n",
+                    figures(rate),
+                    self.partly_done_text()
                 ));
             }
             Style::Json => line(
                 console,
                 &json!({"event": "progress", "nodes_done": nodes_done, "nodes": nodes, "frames_done": frames_done, "frames": frames, "tasks_done": tasks_done, "tasks": tasks,
-                    "frames_per_second": rate, "seconds_to_go": self.to_go().map(|t| t.as_secs_f64())}),
+                    "frames_per_second": rate, "seconds_to_go": self.to_go().map(|t| t.as_secs_f64()),
+                    "partly_done": self.partly_done().iter().map(|(node, frame, done)| json!({"node": node, "frame": frame, "done": done})).collect::<Vec<_>>()}),
             ),
             _ => {}
         }
@@ -340,7 +378,8 @@ impl<'a> Reporter<'a> {
             n => {
                 let one = |r: &Running| {
                     let frame = r.frame.map(|f| format!("@{f}")).unwrap_or_default();
-                    format!("{}{frame} for {} on thread {}", name(r.node), duration(r.time), r.thread)
+                    let done = self.done_of(r.thread).map(|done| format!(", {}", percent(done))).unwrap_or_default();
+                    format!("{}{frame} for {} on thread {}{done}", name(r.node), duration(r.time), r.thread)
                 };
                 let named: Vec<String> = running.iter().take(MOST_NAMED).map(one).collect();
                 let more = if n > MOST_NAMED { format!(" and {} more", n - MOST_NAMED) } else { String::new() };
@@ -350,9 +389,14 @@ impl<'a> Reporter<'a> {
         match self.style {
             Style::Plain if says => console.say(&format!("{}\n", text())),
             Style::Json if says => {
-                let tasks = running
-                    .iter()
-                    .map(|r| json!({"node": name(r.node), "frame": r.frame, "seconds": r.time.as_secs_f64(), "thread": r.thread}));
+                let task = |r: &Running| {
+                    let mut task = json!({"node": name(r.node), "frame": r.frame, "seconds": r.time.as_secs_f64(), "thread": r.thread});
+                    if let Some(done) = self.done_of(r.thread) {
+                        task["done"] = json!(done);
+                    }
+                    task
+                };
+                let tasks = running.iter().map(task);
                 line(console, &json!({"event": "waiting", "seconds": quiet.as_secs_f64(), "running": tasks.collect::<Vec<_>>()}));
             }
             _ => {}
@@ -367,11 +411,14 @@ impl<'a> Reporter<'a> {
         bar.set_position(done as u64);
         let to_go = || self.to_go().map(|t| format!(", {} to go", duration(t))).unwrap_or_default();
         let (frames, all) = (self.frames_done(), self.frames);
-        bar.set_message(
-            waiting.unwrap_or_else(|| {
-                format!("nodes {nodes_done}/{nodes}, frames {frames}/{all}, {} frames/s{}", figures(self.rate()), to_go())
-            }),
-        );
+        bar.set_message(waiting.unwrap_or_else(|| {
+            format!(
+                "nodes {nodes_done}/{nodes}, frames {frames}/{all}, {} frames/s{}{}",
+                figures(self.rate()),
+                to_go(),
+                self.partly_done_text()
+            )
+        }));
     }
 }
 
@@ -381,6 +428,10 @@ fn new_bar() -> ProgressBar {
         Ok(style) => bar.with_style(style.progress_chars("=> ")),
         Err(_) => bar,
     }
+}
+
+fn percent(done: f64) -> String {
+    format!("{:.0} %", 100.0 * done)
 }
 
 fn line(console: &mut Console, value: &serde_json::Value) {
@@ -479,6 +530,42 @@ mod tests {
         let event: serde_json::Value = serde_json::from_str(&out).unwrap();
         let running = json!([{"node": "slow", "frame": 3, "seconds": 34.0, "thread": 1}]);
         assert_eq!((event, err.as_str()), (json!({"event": "waiting", "seconds": 34.0, "running": running}), ""));
+    }
+
+    /// What a reporter says of two threads, one of which has a task that says how much of it is done.
+    fn said_of_a_part(style: Style, done: f64) -> (String, String) {
+        let text = "Graph(pegbar: 1, frames: (first: 1, last: 8, fps: 24), nodes: { \"slow\": (type: \"test.frame\") })";
+        let loaded = load_text(Path::new("g.ron"), text, &crate::tests::registry(), &LoadOptions::default());
+        let graph = loaded.graph.unwrap();
+        let job = Job::new(&graph, &Request { only: Some("slow".to_owned()), ..Request::default() }).map_err(|d| d.message).unwrap();
+        let reporter = Reporter::new(&graph, &job, style, 2);
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let cancel = pegbar_engine::node::Cancel::default();
+        let mut console = Console { stdout: &mut out, stderr: &mut err, is_terminal: false, colour: false, cancel };
+        reporter.started(0, Some(2), 0);
+        reporter.started(0, Some(3), 1);
+        reporter.meter(1).unwrap().set(done);
+        reporter.show_total(&mut console);
+        let start = Instant::now();
+        let mut watch = Watch::new(start, 2);
+        assert_eq!(reporter.show_waiting(&mut watch, start, &mut console), None);
+        reporter.show_waiting(&mut watch, start + Duration::from_secs(34), &mut console);
+        // What comes next says nothing yet.
+        reporter.started(0, Some(4), 1);
+        assert_eq!(reporter.partly_done(), []);
+        (String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap())
+    }
+
+    #[test]
+    fn a_task_that_says_how_much_of_it_is_done_is_named_with_that() {
+        let (_, err) = said_of_a_part(Style::Plain, 0.42);
+        let lines: Vec<&str> = err.lines().collect();
+        assert!(lines[0].starts_with("total:   ") && lines[0].ends_with(" frames/s, slow@3 42 %"), "{err}");
+        assert_eq!(lines[1], "still running: slow@2 for 34.0 s on thread 0, slow@3 for 34.0 s on thread 1, 42 %");
+        let (out, _) = said_of_a_part(Style::Json, 1.5);
+        let events: Vec<serde_json::Value> = out.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        assert_eq!(events[0]["partly_done"], json!([{"node": "slow", "frame": 3, "done": 1.0}]));
+        assert_eq!((&events[1]["running"][0]["done"], &events[1]["running"][1]["done"]), (&serde_json::Value::Null, &json!(1.0)));
     }
 
     #[test]

@@ -17,12 +17,13 @@ mod spill;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::cache::Cache;
 use crate::graph::{Graph, Port};
 use crate::key::{Keys, files_of_plan};
-use crate::node::{Arg, Cancel, Fault, NodeError};
+use crate::node::{Arg, Cancel, Fault, Meter, NodeError};
 use crate::plan::{Known, Plan, PlanError, Planned, Target, plan};
 use crate::sync::{Mutex, MutexGuard, PoisonError};
 use crate::value::ValueRef;
@@ -94,6 +95,10 @@ pub trait Observer: Sync {
     fn ended(&self, _results: &Results) {}
     /// A task starts on one of the threads, which are numbered from 0.
     fn started(&self, _node: usize, _frame: Option<i64>, _thread: usize) {}
+    /// Where tasks of a thread say how much of them is done, for one who shows it.
+    fn meter(&self, _thread: usize) -> Option<Arc<Meter>> {
+        None
+    }
     /// A task is done, or has failed.
     fn done(&self, _done: &Done) {}
     /// A node failed.

@@ -3,6 +3,7 @@
 mod context;
 mod error;
 mod input;
+mod meter;
 mod operator;
 mod output;
 mod schema;
@@ -10,6 +11,7 @@ mod schema;
 pub use context::{Cancel, Context, Problem};
 pub use error::{Fault, NodeError};
 pub use input::{AnyFrames, AnySequence, Arg, Frames, In, Input, List, Literal, Picked, Sequence, SequenceRef, Values};
+pub use meter::Meter;
 pub use operator::{Computed, Needs, Operator, PluginId};
 pub(crate) use operator::{PerFrameOperator, RecurrentOperator, WholeOperator};
 pub use output::{AnyStream, OutValue, Output, Outputs, Stream};

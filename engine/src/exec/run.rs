@@ -16,7 +16,7 @@ use super::sizes::Sizes;
 use super::{Done, Failure, Given, Options, Report, lock};
 use crate::array::{Shape, describe_shape};
 use crate::graph::{Binding, Graph, Port};
-use crate::node::{Access, Arg, Computed, Context, Fault, NodeError, OutValue, SequenceRef};
+use crate::node::{Access, Arg, Computed, Context, Fault, Meter, NodeError, OutValue, SequenceRef};
 use crate::plan::{Edge, Plan, Reads};
 use crate::sync::{AtomicBool, AtomicI64, AtomicU8, AtomicU32, AtomicUsize, Mutex, Ordering, Worker, scope};
 use crate::value::{AnyValue, ValueRef};
@@ -98,6 +98,22 @@ impl<S: Iterator<Item = usize>> Ask for Asking<'_, S> {
 
     fn withdraw(&mut self) {
         self.pins.drain(..).for_each(|slot| self.memory.unpin(slot));
+    }
+}
+
+/// Has tasks of this thread say how much of them is done, for as long as it works for this run.
+struct Metered;
+
+impl Metered {
+    fn new(meter: Option<std::sync::Arc<Meter>>) -> Self {
+        Meter::install(meter);
+        Self
+    }
+}
+
+impl Drop for Metered {
+    fn drop(&mut self) {
+        Meter::install(None);
     }
 }
 
@@ -198,6 +214,7 @@ impl<'a> Run<'a> {
     fn work(&self, thread: usize, own: &Worker<Task>) {
         let mut desk = Desk::default();
         let _all = AllOrNone(&self.crew);
+        let _metered = Metered::new(self.options.observer.meter(thread));
         let ends = || self.options.cancel.is_cancelled();
         loop {
             if self.crew.is_stopped() {
