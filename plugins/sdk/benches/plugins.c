@@ -14,24 +14,6 @@ static const char SCHEMA[] =
     "  outputs: [(name: \"clip\", doc: \"Samples along a curve.\", type: \"Clip\")],"
     ")], values: [(name: \"Clip\", doc: \"A picture.\", arrays: [(name: \"planes\", dtype: f32, shape: \"[c, h, w]\", doc: \"Samples.\")])])";
 
-static uint32_t create(uint32_t node, const PbTask *task, const PbSettings *settings, void **instance) {
-    static const int nodes[2] = {0, 1};
-    (void)task;
-    (void)settings;
-    *instance = (void *)&nodes[node];
-    return PB_OK;
-}
-
-static void destroy(void *instance) {
-    (void)instance;
-}
-
-static uint32_t needs(void *instance, const PbTask *task) {
-    (void)instance;
-    (void)task;
-    return PB_OK;
-}
-
 static uint32_t next(const PbTask *task) {
     const PbArray *in = pb_array(pb_port(task, 0)->values[0], PB_TEXT("values"));
     const double *from = in->data;
@@ -51,13 +33,7 @@ static uint32_t filter(const PbTask *task) {
 }
 
 static uint32_t compute(void *instance, const PbTask *task) {
-    return *(const int *)instance ? filter(task) : next(task);
+    return *(const uint32_t *)instance ? filter(task) : next(task);
 }
 
-static PbPlugin plugin = {
-    sizeof(PbPlugin), PB_ABI_MAJOR, PB_ABI_MINOR, 0, {SCHEMA, sizeof SCHEMA - 1}, create, destroy, needs, compute};
-
-PB_EXPORT const PbPlugin *pb_plugin_entry(const PbHost *host) {
-    values = host->suite(PB_TEXT(PB_VALUE_SUITE), 1);
-    return values ? &plugin : 0;
-}
+#include "plain.h"

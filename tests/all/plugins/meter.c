@@ -2,7 +2,6 @@
 #include "pegbar_plugin.h"
 
 static const PbValueSuite *values;
-static const PbTaskSuite *tasks;
 
 static const char SCHEMA[] =
     "(name: \"meter\", version: \"1.0.0\", doc: \"Measures.\", abi: (1, 0), nodes: [("
@@ -14,24 +13,6 @@ static const char SCHEMA[] =
     "  arrays: [(name: \"means\", dtype: f64, shape: \"[t]\", doc: \"Light.\"), (name: \"gains\", dtype: f64, shape: \"[t]\", doc: \"Factors.\")],"
     "  texts: [(name: \"level\", doc: \"Level.\")],"
     ")])";
-
-static uint32_t create(uint32_t node, const PbTask *task, const PbSettings *settings, void **instance) {
-    (void)node;
-    (void)task;
-    (void)settings;
-    *instance = 0;
-    return PB_OK;
-}
-
-static void destroy(void *instance) {
-    (void)instance;
-}
-
-static uint32_t needs(void *instance, const PbTask *task) {
-    (void)instance;
-    (void)task;
-    return PB_OK;
-}
 
 static uint32_t compute(void *instance, const PbTask *task) {
     const PbArray *means = pb_array(pb_port(task, 0)->values[0], PB_TEXT("means"));
@@ -47,10 +28,4 @@ static uint32_t compute(void *instance, const PbTask *task) {
     return PB_OK;
 }
 
-static PbPlugin plugin = {sizeof(PbPlugin), PB_ABI_MAJOR, PB_ABI_MINOR, 0, {SCHEMA, sizeof SCHEMA - 1}, create, destroy, needs, compute};
-
-PB_EXPORT const PbPlugin *pb_plugin_entry(const PbHost *host) {
-    values = host->suite(PB_TEXT(PB_VALUE_SUITE), 1);
-    tasks = host->suite(PB_TEXT(PB_TASK_SUITE), 1);
-    return values && tasks ? &plugin : 0;
-}
+#include "../../../plugins/sdk/benches/plain.h"
