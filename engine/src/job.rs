@@ -32,6 +32,14 @@ pub use tap::{Each, Listener};
 pub mod code {
     /// A node failed.
     pub const NODE_FAILED: &str = "PB0500";
+    /// A plugin was refused, or broke its contract.
+    pub const PLUGIN_CONTRACT: &str = "PB0503";
+    /// A plugin ended its process.
+    pub const PLUGIN_CRASHED: &str = "PB0504";
+    /// A plugin gave no sign of life.
+    pub const PLUGIN_HUNG: &str = "PB0505";
+    /// A plugin took more memory than it may.
+    pub const PLUGIN_MEMORY: &str = "PB0506";
     /// A file that should have been written is not there.
     pub const MISSING_OUTPUT: &str = "PB0501";
     /// Nothing could move any more.
@@ -336,7 +344,14 @@ impl Job {
             // Writing into a string cannot fail.
             let _ = write!(label.text, " with {}", inputs.join(", "));
         }
-        let failed = Diagnostic::error(code::NODE_FAILED, format!("node `{}` failed{when}: {}", spec.name, error.message), label);
+        let code = match error.fault {
+            Fault::Plugin => code::PLUGIN_CONTRACT,
+            Fault::PluginCrash => code::PLUGIN_CRASHED,
+            Fault::PluginHang => code::PLUGIN_HUNG,
+            Fault::PluginMemory => code::PLUGIN_MEMORY,
+            _ => code::NODE_FAILED,
+        };
+        let failed = Diagnostic::error(code, format!("node `{}` failed{when}: {}", spec.name, error.message), label);
         error.help.iter().fold(failed, |d, help| d.help(help.clone()))
     }
 

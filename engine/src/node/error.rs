@@ -23,6 +23,12 @@ pub enum Fault {
     Io,
     /// A plugin's: it is missing, refused, or breaks its contract.
     Plugin,
+    /// A plugin's, which ended its process.
+    PluginCrash,
+    /// A plugin's, which gave no sign of life.
+    PluginHang,
+    /// A plugin's, which took more memory than it may.
+    PluginMemory,
     /// Pegbar's own.
     Internal,
 }

@@ -43,6 +43,12 @@ pub trait Operator: Send + Sync {
         None
     }
 
+    /// For a plugin's recurrent node, whether it is asked which state a frame starts from, and what its code says then, asked or not.
+    #[doc(hidden)]
+    fn asked_previous(&self, _args: Vec<Arg>, _cx: &Context) -> Option<(bool, Result<Option<i64>, NodeError>)> {
+        None
+    }
+
     /// The plugin that it comes from; `None` for what Pegbar comes with.
     fn plugin(&self) -> Option<&PluginId> {
         None

@@ -118,19 +118,18 @@ fn transport(found: &Found, registry: &Registry) -> Result<Box<dyn Transport>, S
     let workers = registry.isolation().workers().filter(|w| registry.runs_code() && !w.trusted.contains(name));
     let Some(workers) = workers else { return Ok(Box::new(InProcess::new(manifest, folder, registry.runs_code()))) };
     let refused = || {
-        let needs =
-            "expected a system where processes share memory (Linux, with memory files) for a plugin that is not trusted, found none";
+        let needs = "expected a system where processes pass their files on (Unix) for a plugin that is not trusted, found another";
         format!("{needs}; to run it in this process: --trust {}", found.manifest.plugin.name)
     };
     isolated(manifest, folder, workers).ok_or_else(refused)
 }
 
-#[cfg(target_os = "linux")]
+#[cfg(unix)]
 fn isolated(manifest: Arc<Manifest>, folder: PathBuf, workers: Workers) -> Option<Box<dyn Transport>> {
-    super::worker::Isolated::new(manifest, folder, workers).map(|isolated| Box::new(isolated) as Box<dyn Transport>)
+    Some(Box::new(super::worker::Isolated::new(manifest, folder, workers)))
 }
 
-#[cfg(not(target_os = "linux"))]
+#[cfg(not(unix))]
 fn isolated(_: Arc<Manifest>, _: PathBuf, _: Workers) -> Option<Box<dyn Transport>> {
     None
 }

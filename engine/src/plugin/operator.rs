@@ -257,6 +257,11 @@ impl Operator for PluginOperator {
         Ok(Needs { frames: inputs.iter().zip(windows).map(asked).collect(), previous: answer.previous.filter(|_| is_recurrent) })
     }
 
+    fn asked_previous(&self, args: Vec<Arg>, cx: &Context) -> Option<(bool, Result<Option<i64>, NodeError>)> {
+        let answer = self.request(args, None, cx, |request| self.plugin.transport.needs(request));
+        Some((self.text().asks, answer.map(|answer| answer.previous)))
+    }
+
     fn compute(&self, args: Vec<Arg>, state: Option<ValueRef>, cx: &Context) -> Result<Computed, NodeError> {
         let response = self.request(args, state, cx, |request| self.plugin.transport.compute(request))?;
         self.computed(response, cx)

@@ -15,8 +15,43 @@ use pegbar_abi::{
 use super::call::{Feed, Made, MadeOf, Request, Response, Settings};
 use crate::array::{Array, DType, Data};
 use crate::clock::Clock;
-use crate::node::{Fault, NodeError};
+use crate::node::{Fault, Meter, NodeError};
 use crate::value::{Meta, OwnedParts, ValueRef};
+
+thread_local! {
+    static WIDE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Shows plugins that this thread calls rows of structs that are larger than this version's, as a later one may have.
+pub(super) fn with_wide_rows<R>(work: impl FnOnce() -> R) -> R {
+    struct Narrow;
+    impl Drop for Narrow {
+        fn drop(&mut self) {
+            WIDE.set(false);
+        }
+    }
+    WIDE.set(true);
+    let _narrow = Narrow;
+    work()
+}
+
+/// The same structs, each with two words of nonsense behind it; nothing where rows are as usual.
+fn widened<T: Copy>(rows: &[T]) -> Option<Vec<u64>> {
+    const WORDS: usize = 2;
+    if !WIDE.get() {
+        return None;
+    }
+    let words = size_of::<T>() / 8;
+    let mut wide = vec![u64::from_ne_bytes([0x5a; 8]); rows.len() * (words + WORDS)];
+    for (row, to) in rows.iter().zip(wide.chunks_exact_mut(words + WORDS)) {
+        // SAFETY: the structs of the ABI are whole words, and begin with their size.
+        unsafe {
+            std::ptr::copy_nonoverlapping(std::ptr::from_ref(row).cast::<u64>(), to.as_mut_ptr(), words);
+            to.as_mut_ptr().cast::<u32>().write(size::<T>() + 8 * WORDS as u32);
+        }
+    }
+    Some(wide)
+}
 
 /// The size of a struct as the ABI says it.
 pub(super) const fn size<T>() -> u32 {
@@ -112,7 +147,7 @@ fn zeroed(dtype: u32, count: u64) -> Option<(Data, *mut u8)> {
         return outside.block(ty, count);
     }
     let mut data = Data::zeroed(ty, count)?;
-    let start = elements(&mut data);
+    let start = elements(&mut data).as_mut_ptr();
     Some((data, start))
 }
 
@@ -127,16 +162,16 @@ fn dtype_of(code: u32) -> Option<DType> {
     })
 }
 
-fn elements(data: &mut Data) -> *mut u8 {
-    let bytes = match data {
+/// The bytes of elements that are one's own, to be written; none of others.
+pub(super) fn elements(data: &mut Data) -> &mut [u8] {
+    match data {
         Data::F32(v) => bytemuck::cast_slice_mut(v),
         Data::F64(v) => bytemuck::cast_slice_mut(v),
         Data::I64(v) => bytemuck::cast_slice_mut(v),
         Data::U32(v) => bytemuck::cast_slice_mut(v),
         Data::U8(v) => v,
         Data::Shared(_) => &mut [],
-    };
-    bytes.as_mut_ptr()
+    }
 }
 
 /// A block and the memory that it shows. The plugin sees the first field.
@@ -170,6 +205,7 @@ unsafe extern "C" fn free(block: *mut PbBlock) {
 pub(super) struct Held {
     seen: PbValue,
     arrays: Rows<PbArray>,
+    wide: Option<Vec<u64>>,
     meta: String,
     value: ValueRef,
 }
@@ -224,10 +260,11 @@ impl Held {
             type_name: text(value.type_name()),
             meta: text(if meta.is_empty() { "{}" } else { &meta }),
         };
-        let mut held = Arc::new(Self { seen, arrays, meta, value });
+        let wide = widened(&arrays);
+        let mut held = Arc::new(Self { seen, arrays, wide, meta, value });
         // From here on they stay where they are.
         if let Some(held) = Arc::get_mut(&mut held) {
-            held.seen.arrays = held.arrays.as_ptr();
+            held.seen.arrays = held.wide.as_ref().map_or(held.arrays.as_ptr(), |wide| wide.as_ptr().cast());
         }
         held
     }
@@ -293,11 +330,13 @@ pub(super) struct Call<'a> {
     request: &'a Request<'a>,
     plugin: &'a str,
     answer: Mutex<Answer>,
+    /// Where somebody looks how much is done.
+    meter: Option<Arc<Meter>>,
 }
 
 impl<'a> Call<'a> {
     pub(super) fn new(request: &'a Request<'a>, plugin: &'a str) -> Self {
-        Self { request, plugin, answer: Mutex::default() }
+        Self { request, plugin, answer: Mutex::default(), meter: Meter::current() }
     }
 
     fn answer(&self) -> MutexGuard<'_, Answer> {
@@ -312,6 +351,7 @@ impl<'a> Call<'a> {
     /// Shows the plugin the task while `run` calls it.
     pub(super) fn show(&self, run: impl FnOnce(*const PbTask) -> u32) -> u32 {
         let shown = Shown::new(&self.request.ports);
+        let wide = widened(&shown.0.ports);
         let state = self.request.state.clone().map(Held::new);
         let clock = shown_clock(self.request.clock);
         let task = PbTask {
@@ -319,7 +359,7 @@ impl<'a> Call<'a> {
             port_count: shown.0.ports.len() as u32,
             frame: self.request.frame,
             clock: &raw const clock,
-            ports: shown.0.ports.as_ptr(),
+            ports: wide.as_ref().map_or(shown.0.ports.as_ptr(), |wide| wide.as_ptr().cast()),
             state: state.as_ref().map_or(std::ptr::null(), Held::shown),
             host: (&raw const *self).cast(),
         };
@@ -496,7 +536,9 @@ pub(super) fn show_settings<R>(settings: &Settings, run: impl FnOnce(*const PbSe
         count: data.numbers.len() as u64,
     };
     let rows: Vec<PbSetting> = settings.items.iter().map(one).collect();
-    run(&PbSettings { struct_size: size::<PbSettings>(), count: rows.len() as u32, settings: rows.as_ptr() })
+    let wide = widened(&rows);
+    let settings = wide.as_ref().map_or(rows.as_ptr(), |wide| wide.as_ptr().cast());
+    run(&PbSettings { struct_size: size::<PbSettings>(), count: rows.len() as u32, settings })
 }
 
 /// The call that a task belongs to.
@@ -608,9 +650,13 @@ unsafe extern "C" fn is_cancelled(task: *const PbTask) -> u32 {
     u32::from(unsafe { call(task) }.is_some_and(|call| call.request.cancel.is_cancelled()))
 }
 
-unsafe extern "C" fn progress(_task: *const PbTask, done: f64) {
+unsafe extern "C" fn progress(task: *const PbTask, done: f64) {
     if let Some(outside) = OUTSIDE.get() {
         outside.progress(done);
+    }
+    // SAFETY: the plugin hands over the task that it was shown.
+    if let Some(meter) = unsafe { call(task) }.and_then(|call| call.meter.as_ref()) {
+        meter.set(done);
     }
 }
 

@@ -1,6 +1,7 @@
-//! What a call of a plugin costs, in this process and in a worker: a node that does next to nothing, and a filter of a picture in full HD.
+//! What a call of a plugin costs, in this process, in a worker, and in one that is reached over sockets: nodes that do next to nothing, and a filter of a
+//! picture in full HD.
 //!
-//! Both ways take turns, and the least of each counts, which other programs on the machine disturb least. The allocator is the program's, so that pictures
+//! The ways take turns, and the least of each counts, which other programs on the machine disturb least. The allocator is the program's, so that pictures
 //! lie where workers see them.
 
 use std::error::Error;
@@ -13,7 +14,9 @@ use pegbar_engine::Value;
 use pegbar_engine::array::NdArray;
 use pegbar_engine::clock::Clock;
 use pegbar_engine::node::{Arg, Cancel, Context, InputSchema, InputType};
-use pegbar_engine::plugin::{ENDING, Isolation, LibraryFile, Manifest, describe, digest, find, platform, serve_if_asked};
+use pegbar_engine::plugin::{
+    ENDING, Isolation, LibraryFile, Manifest, Workers, describe, digest, find, own_program, platform, serve_if_asked,
+};
 use pegbar_engine::registry::{NodeType, Registry};
 use pegbar_engine::setting::Place;
 use pegbar_engine::value::{ValueRef, Vector};
@@ -85,9 +88,10 @@ fn time(node: &NodeType, args: &[Arg], count: u32) -> Result<Duration, Box<dyn E
     let clock = Clock { name: "frames".to_owned(), first: 1, last: 1, fps: (24, 1) };
     let cancel = Cancel::default();
     let cx = Context { frame: 1, clock: &clock, input_clocks: &[], cancel: &cancel };
+    let all: Vec<Vec<Arg>> = (0..count).map(|_| args.to_vec()).collect();
     let began = Instant::now();
-    for _ in 0..count {
-        node.operator.compute(args.to_vec(), None, &cx)?;
+    for args in all {
+        node.operator.compute(args, None, &cx)?;
     }
     Ok(began.elapsed() / count)
 }
@@ -115,7 +119,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     serve_if_asked();
     let folder = tempfile::tempdir()?;
     let (c, rust) = (build_in_c(folder.path())?, copy_in_rust(folder.path())?);
-    let ways = [Isolation::Off, Isolation::Auto];
+    let piped = Workers { pipes: true, ..Workers::new(own_program().ok_or("expected a program that serves")?) };
+    let ways = [Isolation::Off, Isolation::Auto, Isolation::Workers(Box::new(piped))];
     let numbers: ValueRef = Arc::new(Vector { values: vec![1.0, 2.0] });
     let calls = [
         ("C, one input", &c, ("bench.next", 1)),
@@ -125,15 +130,17 @@ fn main() -> Result<(), Box<dyn Error>> {
         ("Rust, ten references", &rust, ("sums.join", 5)),
     ];
     for (name, manifest, node) in calls {
-        let [here, there] = least(&ways, manifest, node, &numbers, (200, 60))?;
-        println!("{name:<26} in process {here:>10.2?}   isolated {there:>10.2?}");
+        let [here, there, piped] = least(&ways, manifest, node, &numbers, (200, 60))?;
+        println!("{name:<26} in process {here:>10.2?}   isolated {there:>10.2?}   over sockets {piped:>10.2?}");
     }
     // After the first node the memory that is shared is there.
     let data = (0..4 * 1080 * 1920).map(|i| (i % 1000) as f32 / 500.0).collect();
     let clip = Clip { planes: NdArray::new([4, 1080, 1920], data).ok_or("expected a picture")? };
     let picture: ValueRef = Arc::new(clip);
-    let [here, there] = least(&ways, &c, ("bench.filter", 1), &picture, (1, 60))?;
-    let more = 100.0 * (there.as_secs_f64() / here.as_secs_f64() - 1.0);
-    println!("{:<26} in process {here:>10.2?}   isolated {there:>10.2?}   {more:+.1} %", "filter of 1920x1080x4");
+    let [here, there, piped] = least(&ways, &c, ("bench.filter", 1), &picture, (1, 40))?;
+    let more = |time: Duration| 100.0 * (time.as_secs_f64() / here.as_secs_f64() - 1.0);
+    let (isolated, sockets) = (more(there), more(piped));
+    print!("{:<26} in process {here:>10.2?}   isolated {there:>10.2?} {isolated:+.1} %", "filter of 1920x1080x4");
+    println!("   over sockets {piped:>10.2?} {sockets:+.1} %");
     Ok(())
 }

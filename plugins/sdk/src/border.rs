@@ -148,11 +148,34 @@ fn node_text(node: &NodeType) -> NodeText {
         source: schema.source.map(str::to_owned),
         example: schema.example.map(str::to_owned),
         uses_frame: schema.uses_frame,
-        asks: schema.inputs.iter().any(|i| i.access.asks() && i.window.is_none()),
+        asks: schema.inputs.iter().any(|i| i.access.asks() && i.window.is_none()) || chooses_state(node),
         inputs: schema.inputs.iter().filter_map(input).collect(),
         outputs: schema.outputs.iter().map(output).collect(),
         state: node.operator.state_type().map(|ty| TypeText::of(&ty.schema)),
     }
+}
+
+/// True where a recurrent node starts from another state than that of the frame before, as far as a clock and its defaults show.
+fn chooses_state(node: &NodeType) -> bool {
+    const FRAMES: i64 = 48;
+    if node.schema.kind != Kind::Recurrent {
+        return false;
+    }
+    let (clock, cancel) = (Clock { name: "frames".to_owned(), first: 1, last: FRAMES, fps: (24, 1) }, Cancel::default());
+    let previous = |frame: i64| {
+        let default = |input: &InputSchema| match (&input.ty, input.default) {
+            (InputType::Setting { .. }, text) => {
+                (input.parse)(text.unwrap_or("None"), &Place::default()).map_or(Arg::None, |(literal, _)| Arg::Literal(literal))
+            }
+            _ if input.list => Arg::List(Vec::new()),
+            _ => Arg::None,
+        };
+        let cx = Context { frame, clock: &clock, input_clocks: &[], cancel: &cancel };
+        let args = node.schema.inputs.iter().map(default).collect();
+        // One that panics without its inputs shows nothing.
+        catch_unwind(AssertUnwindSafe(|| node.operator.needs(args, &[], &cx))).ok()?.ok().map(|needs| needs.previous)
+    };
+    (2..=FRAMES).any(|frame| previous(frame).is_some_and(|previous| previous != Some(frame - 1)))
 }
 
 /// The text that the host hands over.
@@ -397,7 +420,7 @@ fn tell(task: *const PbTask, error: &NodeError) {
         Fault::Limit => PB_FAULT_LIMIT,
         Fault::Unsupported => PB_FAULT_UNSUPPORTED,
         Fault::Io => PB_FAULT_IO,
-        Fault::Plugin | Fault::Internal => PB_FAULT_PLUGIN,
+        Fault::Plugin | Fault::PluginCrash | Fault::PluginHang | Fault::PluginMemory | Fault::Internal => PB_FAULT_PLUGIN,
     };
     if let Some(suites) = SUITES.get() {
         let help = error.help.as_deref().unwrap_or_default();

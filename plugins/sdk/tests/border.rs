@@ -102,6 +102,8 @@ fn frames_states_and_sequences_arrive() {
     assert_eq!(window(2), [vec![1.0], vec![1.0, 2.0], vec![1.0, 2.0, 3.0], vec![2.0, 3.0, 4.0]]);
     let running = numbers(&format!("{FRAME}, \"r\": (type: \"sums.running\", value: \"@f\")"), "r.value");
     assert_eq!(running, [[1.0], [3.0], [6.0], [10.0]]);
+    let leaping = numbers(&format!("{FRAME}, \"r\": (type: \"sums.leaping\", value: \"@f\")"), "r.value");
+    assert_eq!(leaping, [[1.0], [2.0], [4.0], [6.0]]);
     let back = format!("{FRAME}, \"b\": (type: \"sums.back\", value: \"@f\")");
     assert_eq!((numbers(&back, "b.value"), numbers(&back, "b.count")), (vec![vec![4.0], vec![3.0], vec![2.0], vec![1.0]], vec![vec![4.0]]));
     let wired = format!(
@@ -146,6 +148,7 @@ fn the_manifest_says_what_the_declarations_say() {
             "sums.blend",
             "sums.frame",
             "sums.join",
+            "sums.leaping",
             "sums.look",
             "sums.make",
             "sums.next",
@@ -160,5 +163,5 @@ fn the_manifest_says_what_the_declarations_say() {
     assert!(input("limit").optional && input("maybe").optional && input("several").list && input("factor").wire);
     assert_eq!(input("how").ty, PortType::Setting("sum | the_product".to_owned()));
     assert_eq!(input("how").choices[1], ("the_product".to_owned(), "Product.".to_owned()));
-    assert!(plugin.nodes[8].asks && !plugin.nodes[9].asks);
+    assert!(plugin.nodes[4].asks && plugin.nodes[9].asks && !plugin.nodes[10].asks && !plugin.nodes[8].asks);
 }

@@ -1,6 +1,8 @@
 // A plugin that does what no plugin may, at every frame that is a multiple of a number, and else doubles a vector.
+#include <dirent.h>
 #include <signal.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cstdint>
@@ -58,6 +60,9 @@ static uint32_t needs(void *, const PbTask *) { return PB_OK; }
 
 static volatile int sink;
 
+// What the task before put out.
+static double *put_out;
+
 // What a task leaves behind for the next one.
 static bool is_poisoned;
 
@@ -78,6 +83,17 @@ static void garbage() {
         if (std::strstr(line, "pegbar-lane") && std::sscanf(line, "%lx-%lx %7s", &from, &to, rights) == 3) {
             for (unsigned long at = from; at < to; at += 4) *reinterpret_cast<volatile uint32_t *>(at) = 1;
         }
+    }
+    // Over sockets it is told in these.
+    char ones[64];
+    std::memset(ones, 1, sizeof ones);
+    if (DIR *files = opendir("/proc/self/fd")) {
+        while (const dirent *file = readdir(files)) {
+            int fd = std::atoi(file->d_name);
+            struct stat about;
+            if (fd > 2 && fstat(fd, &about) == 0 && S_ISSOCK(about.st_mode)) sink = sink + 0 * static_cast<int>(write(fd, ones, sizeof ones));
+        }
+        closedir(files);
     }
     for (;;) sink = sink + 0;
 }
@@ -132,10 +148,14 @@ static uint32_t compute(void *instance, const PbTask *task) {
     uint64_t shape[2] = {n, way == "shape" ? 1u : 0u};
     double *to = static_cast<double *>(static_cast<void *>(values->array(task, 0, 0, PB_TEXT("values"), PB_F64, way == "shape" ? 2 : 1, shape)));
     if (!to) return PB_FAILED;
-    if (way == "cancel") while (!tasks->is_cancelled(task)) sink = sink + 0;
+    if (put_out) *put_out = 7;
+    put_out = way == "late" ? to : nullptr;
+    if (way == "overrun") to[n] = 7;
+    if (way == "progress") tasks->progress(task, 0.25);
+    if (way == "cancel" || way == "progress") while (!tasks->is_cancelled(task)) sink = sink + 0;
     for (uint64_t i = 0; i < n; i++) to[i] = 2 * from[i];
     if (way == "nan") to[0] = 0.0 / static_cast<double>(sink);
-    return way == "cancel" ? PB_CANCELLED : PB_OK;
+    return way == "cancel" || way == "progress" ? PB_CANCELLED : PB_OK;
 }
 
 static PbPlugin plugin = {

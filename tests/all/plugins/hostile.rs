@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use pegbar_engine::check::{LoadOptions, load_text};
-use pegbar_engine::exec::{Options, Report, execute};
+use pegbar_engine::exec::{Observer, Options, Report, execute};
 use pegbar_engine::graph::{Graph, Port};
-use pegbar_engine::node::Cancel;
+use pegbar_engine::node::{Cancel, Meter};
 use pegbar_engine::plan::Target;
 use pegbar_engine::plugin::{Isolation, Workers, find};
 
@@ -17,8 +18,38 @@ use crate::support::plugins::{compile, examples, library_name, write_manifest};
 use crate::support::root;
 use crate::support::shot::{Shot, cli_in, workers};
 
+/// Each of these tests as two: with workers reached over memory that is shared, and over sockets.
+macro_rules! both_transports {
+    ($($name:ident),* $(,)?) => {
+        mod shared {
+            $(#[test]
+            fn $name() {
+                super::$name(false);
+            })*
+        }
+        mod piped {
+            $(#[test]
+            fn $name() {
+                super::$name(true);
+            })*
+        }
+    };
+}
+
+both_transports!(
+    what_harms_its_process_fails_in_its_frames_and_nothing_else_does,
+    a_worker_may_neither_use_the_network_nor_write_where_it_was_not_told,
+    a_write_to_what_was_put_out_is_told_with_its_frame,
+    failures_have_codes_of_their_own,
+    what_closes_files_or_ends_a_later_task_harms_none,
+    a_run_that_is_cancelled_ends_its_workers,
+    progress_is_told_while_the_task_runs,
+    workers_end_with_their_host,
+    bits_are_the_same_in_this_process_and_in_others,
+);
+
 /// What the plugin does, at every frame that is a multiple of a number, and how that is told.
-const WAYS: [(&str, i64, &str); 15] = [
+const WAYS: [(&str, i64, &str); 16] = [
     ("null", 7, "its process was ended by SIGSEGV"),
     ("abort", 5, "its process was ended by SIGABRT"),
     ("exit", 6, "its process ended itself with exit code 0"),
@@ -26,12 +57,17 @@ const WAYS: [(&str, i64, &str); 15] = [
     ("stack", 11, "its process was ended by SIGSEGV"),
     ("killed", 8, "its process was ended by SIGKILL"),
     ("garbage", 13, "expected an answer of its process, found what is none"),
-    ("scribble", 4, "expected inputs to be left as they are, found one written to"),
+    ("scribble", 4, "expected input `vector` to be left as it is, found it written to"),
     ("loop", 10, "expected a sign of life within 1 s, found none"),
     ("huge", 3, "array `values`: expected memory for it, found none"),
-    ("malloc", 12, "its process was ended by SIGSEGV"),
+    (
+        "malloc",
+        12,
+        "expected its process to take at most 128 MiB of memory, found it asking for more, and going on without: it was ended by SIGSEGV",
+    ),
     ("leak", 10, "expected its process to take at most 128 MiB of memory, found more"),
     ("shape", 2, "output `vector`: array `values`: expected f64 [n], found f64 [3, 1]"),
+    ("overrun", 7, "output `vector`: array `values`: expected 24 bytes to be written, found more: it wrote behind the end"),
     ("nan", 3, "output `vector`: array `values`: expected finite numbers, found NaN as number 0"),
     ("poison", 4, ""),
 ];
@@ -44,19 +80,22 @@ fn frames() -> i64 {
 struct Hostile {
     shot: Shot,
     manifest: PathBuf,
+    /// Whether its workers are reached over sockets.
+    pipes: bool,
 }
 
 impl Hostile {
-    fn new() -> Self {
+    fn new(pipes: bool) -> Self {
         let shot = Shot::new(1, "");
         let library = shot.path(&library_name("hostile"));
         compile(&root().join("tests/all/plugins/hostile.cpp"), "plugins/include", &[], &library);
         let manifest = write_manifest(&library);
-        Self { shot, manifest }
+        Self { shot, manifest, pipes }
     }
 
     /// Runs nodes, and keeps the first output of each.
     fn run(&self, workers: Workers, frames: i64, nodes: &str, options: &Options) -> (Graph, Report) {
+        let workers = Workers { pipes: self.pipes, ..workers };
         let mut registry = pegbar_nodes::registry().with_isolation(Isolation::Workers(Box::new(workers)));
         find(&self.manifest).remove(0).unwrap().register(&mut registry).unwrap();
         let text = format!("Graph(pegbar: 1, frames: (first: 1, last: {frames}, fps: 24), nodes: {{ {nodes} }})");
@@ -93,9 +132,8 @@ fn vector(report: &Report, graph: &Graph, node: &str, frame: i64) -> Option<Vec<
     Some(value.parts().arrays[0].1.numbers())
 }
 
-#[test]
-fn what_harms_its_process_fails_in_its_frames_and_nothing_else_does() {
-    let hostile = Hostile::new();
+fn what_harms_its_process_fails_in_its_frames_and_nothing_else_does(pipes: bool) {
+    let hostile = Hostile::new(pipes);
     let node = |(way, every, _): &(&str, i64, &str)| {
         let name = way.replace(' ', "_");
         format!(
@@ -142,9 +180,8 @@ fn left_over(folder: &str) -> usize {
     std::fs::read_dir("/proc").unwrap().flatten().filter(|entry| is_one(&entry.file_name().to_string_lossy())).count()
 }
 
-#[test]
-fn a_worker_may_neither_use_the_network_nor_write_where_it_was_not_told() {
-    let hostile = Hostile::new();
+fn a_worker_may_neither_use_the_network_nor_write_where_it_was_not_told(pipes: bool) {
+    let hostile = Hostile::new(pipes);
     assert_eq!(hostile.errors("network", ""), ["refused"; 2]);
     let (inside, outside) = (hostile.shot.path("out/a"), hostile.shot.path("b"));
     std::fs::create_dir(hostile.shot.path("out")).unwrap();
@@ -155,17 +192,64 @@ fn a_worker_may_neither_use_the_network_nor_write_where_it_was_not_told() {
     assert_eq!((report.failures[0].error.message.as_str(), inside.is_file(), outside.exists()), ("a file", true, false));
 }
 
-#[test]
-fn what_closes_files_or_ends_a_later_task_harms_none() {
-    let hostile = Hostile::new();
+/// Of small arrays and of such as lie in memory of their own.
+fn a_write_to_what_was_put_out_is_told_with_its_frame(pipes: bool) {
+    let hostile = Hostile::new(pipes);
+    for count in [3, 20_000] {
+        let nodes = format!(
+            "\"f\": (type: \"hostile.frame\", count: {count}), \"h\": (type: \"hostile.vector\", vector: \"@f\", way: \"late\", every: 4)"
+        );
+        let (_, report) = hostile.run(strict(), 6, &nodes, &options(1));
+        let said: Vec<_> = report.failures.iter().map(|f| (f.frame, f.error.message.as_str())).collect();
+        let [(Some(5), message)] = said[..] else { panic!("{count}: {said:?}") };
+        let expected = "plugin `hostile` 1.0.0: expected what `hostile.vector` made at frame 4 to be left as it was put out, found it written to later (SIGSEGV";
+        assert!(message.starts_with(expected), "{count}: {message}");
+    }
+    // What is written behind a large array reaches what is not there, or is seen.
+    let nodes =
+        "\"f\": (type: \"hostile.frame\", count: 20001), \"h\": (type: \"hostile.vector\", vector: \"@f\", way: \"overrun\", every: 2)";
+    let (_, report) = hostile.run(strict(), 2, nodes, &options(1));
+    assert_eq!(report.failures.len(), 1);
+    assert!(
+        report.failures[0].error.message.contains("expected 160008 bytes to be written, found more"),
+        "{}",
+        report.failures[0].error.message
+    );
+}
+
+/// Each kind of failure has a code.
+fn failures_have_codes_of_their_own(pipes: bool) {
+    let hostile = Hostile::new(pipes);
+    let isolation = Isolation::Workers(Box::new(Workers { pipes, ..strict() }));
+    let ways = [
+        ("shape", "PB0503"),
+        ("scribble", "PB0503"),
+        ("null", "PB0504"),
+        ("exit", "PB0504"),
+        ("loop", "PB0505"),
+        ("leak", "PB0506"),
+        ("malloc", "PB0506"),
+    ];
+    for (way, code) in ways {
+        let node = format!("{FRAME}, \"h\": (type: \"hostile.vector\", vector: \"@f\", way: {way:?})");
+        hostile.shot.graph(1, &format!("{node}, \"out\": (type: \"io.write_value\", value: \"@h\", path: \"$out/f.npz\"),"));
+        let (graph, out) = (hostile.shot.path("g.ron"), hostile.shot.path("out"));
+        let args = ["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap(), "--no-cache", "--progress", "none", "--plugins"];
+        let more = ["--plugin-timeout", "1", "--plugin-memory", "128M"];
+        let ran = cli_in(&isolation, &[&args[..], &[hostile.manifest.to_str().unwrap()], &more].concat());
+        assert!(ran.code == 1 && ran.err.starts_with(&format!("error[{code}]: node `h` failed")), "{way}: {}", ran.err);
+    }
+}
+
+fn what_closes_files_or_ends_a_later_task_harms_none(pipes: bool) {
+    let hostile = Hostile::new(pipes);
     for way in ["close", "poison", "log"] {
         assert_eq!(hostile.errors(way, ""), [""; 0], "{way}");
     }
 }
 
-#[test]
-fn a_run_that_is_cancelled_ends_its_workers() {
-    let hostile = Hostile::new();
+fn a_run_that_is_cancelled_ends_its_workers(pipes: bool) {
+    let hostile = Hostile::new(pipes);
     // One asks whether it is to stop, the other never does.
     for way in ["cancel", "loop"] {
         let nodes = format!("{FRAME}, \"h\": (type: \"hostile.vector\", vector: \"@f\", way: {way:?})");
@@ -178,12 +262,36 @@ fn a_run_that_is_cancelled_ends_its_workers() {
     }
 }
 
+/// One who looks how much is done.
+struct Looks(Arc<Meter>);
+
+impl Observer for Looks {
+    fn meter(&self, _thread: usize) -> Option<Arc<Meter>> {
+        Some(self.0.clone())
+    }
+}
+
+/// In workers and in the host: the run is cancelled as soon as it is told.
+fn progress_is_told_while_the_task_runs(pipes: bool) {
+    let hostile = Hostile::new(pipes);
+    for trusted in [Vec::new(), vec!["hostile".to_owned()]] {
+        let nodes = format!("{FRAME}, \"h\": (type: \"hostile.vector\", vector: \"@f\", way: \"progress\")");
+        let looks = Looks(Arc::default());
+        let meter = looks.0.clone();
+        let cancel = Cancel::asking(move || meter.done().is_some());
+        let workers = Workers { trusted, ..strict() };
+        let (_, report) = hostile.run(workers, 1, &nodes, &Options { cancel, observer: &looks, ..options(1) });
+        assert!(report.cancelled && report.failures.iter().all(|f| f.error.cancelled));
+        assert_eq!(looks.0.done(), Some(0.25));
+    }
+}
+
 /// Workers end with their host, even where that is killed: only then is there nobody who could write to its standard error.
-#[test]
-fn workers_end_with_their_host() {
-    let hostile = Hostile::new();
+fn workers_end_with_their_host(pipes: bool) {
+    let hostile = Hostile::new(pipes);
     hostile.shot.graph(1, "\"f\": (type: \"hostile.frame\"), \"h\": (type: \"hostile.vector\", vector: \"@f\", way: \"wait\"), \"out\": (type: \"io.write_value\", value: \"@h\", path: \"$out/f.npz\"),");
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_pegbar"));
+    command.env("PEGBAR_PLUGIN_PIPES", if pipes { "1" } else { "" });
     command.arg("run").arg(hostile.shot.path("g.ron")).arg("--out").arg(hostile.shot.path("out")).arg("--plugins").arg(&hostile.manifest);
     let mut host = command.args(["--no-cache", "--progress", "none"]).stderr(std::process::Stdio::piped()).spawn().unwrap();
     let mut said = std::io::BufReader::new(host.stderr.take().unwrap());
@@ -197,7 +305,7 @@ fn workers_end_with_their_host() {
 
 #[test]
 fn a_plugin_that_is_trusted_runs_in_the_host() {
-    let hostile = Hostile::new();
+    let hostile = Hostile::new(false);
     let manifest = hostile.manifest.to_str().unwrap().to_owned();
     hostile.shot.graph(2, "\"f\": (type: \"hostile.frame\"), \"out\": (type: \"io.write_value\", value: \"@f\", path: \"$out/f.npz\"),");
     let (graph, out) = (hostile.shot.path("g.ron"), hostile.shot.path("out"));
@@ -227,8 +335,7 @@ fn a_plugin_that_is_trusted_runs_in_the_host() {
 }
 
 /// Nodes of every kind, pictures that are large enough to lie in shared memory, and more threads than one.
-#[test]
-fn bits_are_the_same_in_this_process_and_in_others() {
+fn bits_are_the_same_in_this_process_and_in_others(pipes: bool) {
     let shot = Shot::new(
         4,
         r#""a": (type: "image.constant", size: (320, 200), color: (0.5, 0.25, 0.125, 1.0)),
@@ -243,7 +350,7 @@ fn bits_are_the_same_in_this_process_and_in_others() {
         assert_eq!(ran.code, 0, "{}", ran.err);
         (1..=4).map(|f| std::fs::read(out.join(format!("d.{f:04}.exr"))).unwrap()).collect::<Vec<_>>()
     };
-    let isolated = Isolation::Workers(Box::new(workers()));
+    let isolated = Isolation::Workers(Box::new(Workers { pipes, ..workers() }));
     let expected = made(&Isolation::Off, "1", "a");
     for (isolation, threads) in [(&Isolation::Off, "3"), (&isolated, "1"), (&isolated, "3")] {
         assert!(made(isolation, threads, "b") == expected, "{isolation:?} with {threads} threads");

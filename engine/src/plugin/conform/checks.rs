@@ -10,6 +10,7 @@ use super::probe::{Setup, Subject, answered, clock};
 use super::{Checked, Stop};
 use crate::node::{self, Arg, Cancel, Computed, Context, InputType, NodeError, OutValue};
 use crate::plugin::operator::REMEMBERED;
+use crate::plugin::suite::with_wide_rows;
 use crate::value::{self, ValueRef};
 
 /// Threads that call at once.
@@ -105,6 +106,22 @@ impl Subject<'_> {
         Ok(())
     }
 
+    pub(super) fn rows(&self) -> Checked {
+        let good = Setup { full: true, ..self.good()? };
+        let usual: Vec<_> = self.run_all(&good, "ordinary values")?.into_iter().map(bits_or).collect();
+        // With settings in such rows, too.
+        let own = Self::new(self.probe, self.node.schema.id, self.say)?;
+        let at = self.say("rows of structs with 16 bytes more each, as a later version of the ABI may have".to_owned());
+        let wide = with_wide_rows(|| own.run_all(&good, "rows of larger structs"))?;
+        let wide: Vec<_> = wide.into_iter().map(bits_or).collect();
+        if usual == wide {
+            return Ok(());
+        }
+        let help =
+            "the next struct of a row is `struct_size` bytes behind (PB_AT, pb_port, pb_array), whatever this header says of its size";
+        Err(Stop::failed(format!("{at}: expected the same bits, found others")).help(help))
+    }
+
     pub(super) fn values(&self) -> Checked {
         let good = self.good()?;
         let ports: Vec<usize> = self.ports().map(|(i, _)| i).collect();
@@ -126,8 +143,44 @@ impl Subject<'_> {
             let setup = Setup { clock: clock(first, last, fps), ..good.clone() };
             self.run_all(&setup, &format!("frames {first} to {last} at {}/{} a second", fps.0, fps.1))?;
         }
+        self.states(&good)?;
         self.run_all(&Setup { still: true, ..good.clone() }, "single values in place of streams")?;
         self.run_all(&Setup { empty: true, ..good }, "sequences and lists of nothing").map(drop)
+    }
+
+    /// Which state a node starts from: that of the frame before, unless it says that it is asked.
+    fn states(&self, good: &Setup) -> Checked {
+        if self.node.schema.kind != node::Kind::Recurrent {
+            return Ok(());
+        }
+        let setup = Setup { clock: clock(1, 6, (24, 1)), ..good.clone() };
+        let input_clocks = &self.input_clocks(&setup);
+        let mut answered = 0;
+        for frame in setup.clock.first + 1..=setup.clock.last {
+            let Some(args) = self.args(&setup, frame)? else { continue };
+            let at = self.say(format!("frame {frame}, asked which state it starts from"));
+            let cx = Context { frame, clock: &setup.clock, input_clocks, cancel: &setup.cancel };
+            let Some((asks, Ok(previous))) = self.node.operator.asked_previous(args, &cx) else { continue };
+            let found = match previous {
+                Some(previous) if previous >= frame || previous < setup.clock.first => {
+                    format!("{at}: expected a frame from {} to {}, found {previous}", setup.clock.first, frame - 1)
+                }
+                Some(previous) if !asks && previous != frame - 1 => {
+                    format!("{at}: expected that of frame {}, as it does not say `asks: true`, found that of {previous}", frame - 1)
+                }
+                None if !asks && answered > 0 => {
+                    format!("{at}: expected that of frame {}, as it does not say `asks: true`, found none", frame - 1)
+                }
+                Some(_) => {
+                    answered += 1;
+                    continue;
+                }
+                None => continue,
+            };
+            let help = "a node that does not start from the frame before says `asks: true` in its schema; else it is never asked";
+            return Err(Stop::failed(found).help(help));
+        }
+        Ok(())
     }
 
     pub(super) fn same(&self) -> Checked {

@@ -16,10 +16,11 @@ use crate::setting::{FileUse, Place};
 use crate::value::{Curve, OwnedParts, ValueRef};
 
 /// The checks that run code, in their order: name, and what is checked.
-pub const CHECKS: [(&str, &str); 10] = [
+pub const CHECKS: [(&str, &str); 11] = [
     ("ordinary", "ordinary values are taken, and what comes out is what the schema says"),
     ("settings", "every default, both ends of every range, every choice"),
     ("sizes", "pictures of 1x1, 1xN and primes, of nothing and of no channels; nothing beyond the end of an input is read"),
+    ("rows", "structs of a later version, which are larger, are stepped over by the size that they say"),
     ("values", "not a number, infinite, huge, all the same: a value or an error"),
     ("frames", "clocks of one frame and below nought, other rates, empty sequences; no frame beyond a clock is asked for"),
     ("same", "the same input gives the same bits, whatever came before"),
@@ -73,6 +74,7 @@ impl Probe {
             Subject::ordinary,
             Subject::settings,
             Subject::sizes,
+            Subject::rows,
             Subject::values,
             Subject::frames,
             Subject::same,

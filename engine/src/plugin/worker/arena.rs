@@ -51,18 +51,11 @@ pub(super) fn start() -> bool {
         let Ok(base) = map(file.as_raw_fd(), SPAN, libc::PROT_READ | libc::PROT_WRITE) else { return };
         // SAFETY: advice on a mapping of ours.
         unsafe { libc::madvise(base as *mut libc::c_void, SPAN, libc::MADV_DONTDUMP) };
-        MOST.store(memory_of_machine(), Ordering::Relaxed);
+        MOST.store(super::half_of_memory().saturating_mul(2), Ordering::Relaxed);
         FILE.store(std::os::fd::IntoRawFd::into_raw_fd(file), Ordering::Release);
         BASE.store(base, Ordering::Release);
     });
     BASE.load(Ordering::Acquire) != 0
-}
-
-/// Bytes of memory that there are.
-pub(super) fn memory_of_machine() -> u64 {
-    // SAFETY: asks for two numbers.
-    let (pages, page) = unsafe { (libc::sysconf(libc::_SC_PHYS_PAGES), libc::sysconf(libc::_SC_PAGESIZE)) };
-    u64::try_from(pages).unwrap_or(0).saturating_mul(u64::try_from(page).unwrap_or(0))
 }
 
 /// The file, to be handed to a worker.
@@ -290,8 +283,42 @@ impl Attached {
             }
             *known = bytes;
         }
+        // SAFETY: what lies behind it up to the end of its last page is the block's, and nobody else's.
+        unsafe { super::rooms::fill_behind(at.add(bytes), behind(bytes)) };
         Some(at)
     }
+
+    /// Ends the writing of an output. True where more was written than it has.
+    pub(super) fn close(&self, offset: u64, bytes: &[u8], made_by: (u32, i64)) -> bool {
+        let from = self.write + offset as usize;
+        self.opened.lock().unwrap_or_else(PoisonError::into_inner).remove(&offset);
+        for at in fences(bytes.len()) {
+            let fence = FENCE.min(bytes.len() - at);
+            // SAFETY: the pages are of a mapping of ours.
+            unsafe { libc::mprotect((from + at) as *mut libc::c_void, fence, libc::PROT_READ) };
+        }
+        // SAFETY: what lies behind it is there.
+        let is_overrun = unsafe { super::rooms::is_overrun(bytes, behind(bytes.len())) };
+        super::rights::add_past(from..from + bytes.len().next_multiple_of(super::page()), made_by);
+        is_overrun
+    }
+}
+
+/// Bytes of a block that are shut once it was put out, in one piece.
+const FENCE: usize = GRAIN;
+/// How many of them a block has at most. To shut all of a picture, and open all of it for the next, takes a seventh of a filter's time.
+const FENCES: usize = 16;
+
+/// Where the fences of a block begin: all of a small one, the beginning and the end of a large one and pieces between.
+fn fences(bytes: usize) -> impl Iterator<Item = usize> {
+    let pieces = bytes.div_ceil(FENCE);
+    let count = pieces.min(FENCES);
+    (0..count).map(move |i| if count < 2 { 0 } else { i * (pieces - 1) / (count - 1) * FENCE })
+}
+
+/// Bytes between the end of a block and that of its last page.
+fn behind(bytes: usize) -> usize {
+    bytes.next_multiple_of(super::page()) - bytes
 }
 
 impl Attached {
@@ -322,6 +349,17 @@ impl Bytes for Seen {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn fences_shut_small_blocks_and_both_ends_of_large_ones() {
+        for bytes in [1, FENCE, FENCE + 1, FENCES * FENCE] {
+            let all: Vec<usize> = (0..bytes.div_ceil(FENCE)).map(|i| i * FENCE).collect();
+            assert_eq!(fences(bytes).collect::<Vec<_>>(), all);
+        }
+        let large: Vec<usize> = fences(1000 * FENCE + 5).collect();
+        assert_eq!((large[0], large[FENCES - 1], large.len()), (0, 1000 * FENCE, FENCES));
+        assert!(large.windows(2).all(|pair| pair[1] - pair[0] > 60 * FENCE));
+    }
 
     #[test]
     fn sizes_grow_by_quarters_and_leave_a_gap() {

@@ -10,15 +10,18 @@ use std::process::ExitStatus;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::Workers;
+#[cfg(target_os = "linux")]
+use super::arena;
 use super::message::{self, ALLOC, COMPUTE, DONE, FAILED, FETCH, LARGE, LOAD, LOG, NEEDS, TASK};
+use super::notes::{Near, STATE_INPUT};
 use super::process::{End, Loan, Patience, Process};
-use super::wire::{Reader, Writer};
-use super::{Workers, arena};
-use crate::array::{Array, Data};
+use super::wire::{Along, Reader, Writer};
+use crate::array::{Array, DType, Data};
 use crate::node::{Fault, NodeError};
 use crate::plugin::call::{Feed, Made, MadeOf, Port, Request, Response, Settings, Transport};
 use crate::plugin::manifest::{Manifest, Threads};
-use crate::plugin::suite::say;
+use crate::plugin::suite::{elements, say};
 use crate::value::{Meta, OwnedParts, ValueRef};
 
 /// Settings that nodes of graphs have now, and how often that changed.
@@ -48,6 +51,8 @@ pub(in crate::plugin) struct Isolated {
     /// As errors name it.
     name: String,
     workers: Workers,
+    /// True where messages and arrays go over sockets.
+    pipes: bool,
     idle: Mutex<Vec<Process>>,
     /// For a plugin of which one call at a time may run.
     turn: Mutex<()>,
@@ -59,12 +64,12 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Isolated {
-    /// `None` where this system lacks what workers take.
-    pub(in crate::plugin) fn new(manifest: Arc<Manifest>, folder: PathBuf, workers: Workers) -> Option<Self> {
+    pub(in crate::plugin) fn new(manifest: Arc<Manifest>, folder: PathBuf, workers: Workers) -> Self {
         let name = format!("plugin `{}` {}", manifest.plugin.name, manifest.plugin.version);
         let folder = std::path::absolute(&folder).unwrap_or(folder);
         let (idle, turn, living) = Default::default();
-        arena::start().then_some(Self { manifest, folder, name, workers, idle, turn, living })
+        let pipes = workers.pipes || !has_shared_memory();
+        Self { manifest, folder, name, workers, pipes, idle, turn, living }
     }
 
     fn broken(&self, why: String) -> NodeError {
@@ -73,7 +78,7 @@ impl Isolated {
 
     fn call(&self, what: u32, request: &Request) -> Result<Response, NodeError> {
         let _turn = (self.manifest.plugin.threads == Threads::One).then(|| locked(&self.turn));
-        let mut process = match self.idle() {
+        let mut process = match self.idle().map_err(|end| self.told(&end, request))? {
             Some(process) => process,
             None => self.start(request)?,
         };
@@ -86,9 +91,9 @@ impl Isolated {
                 }
                 Err(end) => {
                     process.kill();
-                    let is_own = process.tasks == 0 || matches!(end, End::Hung(_) | End::Stopped);
+                    let is_own = process.tasks == 0 || is_late(&end) || matches!(end, End::Hung(_) | End::Stopped);
                     if is_own || request.cancel.is_cancelled() {
-                        return Err(self.told(&end));
+                        return Err(self.told(&end, request));
                     }
                     process = self.start(request)?;
                 }
@@ -97,18 +102,27 @@ impl Isolated {
     }
 
     /// A worker that nobody uses: the one that was used last, as what it looks at is nearest. What ended meanwhile is let go of.
-    fn idle(&self) -> Option<Process> {
+    ///
+    /// # Errors
+    /// Where one of those wrote to what it had put out: what that was made into is not to be trusted.
+    fn idle(&self) -> Result<Option<Process>, End> {
         let mut ended = Vec::new();
         let mut idle = locked(&self.idle);
-        while let Some(process) = idle.pop() {
+        let mut found = None;
+        while let (None, Some(process)) = (&found, idle.pop()) {
             if process.is_alive() {
-                return Some(process);
+                found = Some(process);
+            } else {
+                ended.push(process);
             }
-            ended.push(process);
         }
         // Those that ended are waited for by nobody who waits for this.
         drop(idle);
-        None
+        let mut ends = ended.iter().map(|process| process.end(self.workers.memory));
+        match ends.find(is_late) {
+            Some(end) => Err(end),
+            None => Ok(found),
+        }
     }
 
     fn start(&self, request: &Request) -> Result<Process, NodeError> {
@@ -124,11 +138,11 @@ impl Isolated {
         load.u64(self.workers.memory);
         let program = self.workers.program.display();
         let help = "plugins run in processes of their own; `--trust NAME` has one run in this one";
-        let process = Process::start(&self.workers)
+        let process = Process::start(&self.workers, self.pipes)
             .map_err(|e| self.broken(format!("expected to start a process for it, of {program}: {e}")).help(help))?;
         let mut answer = Vec::new();
-        let mut patience = Patience::new(&self.workers, request.cancel);
-        match process.exchange(&load.0, &mut answer, &mut patience) {
+        let mut patience = Patience::new(&self.workers, request.cancel, &process);
+        match process.exchange(&load, &mut answer, &mut patience) {
             Ok(()) if Reader(&answer).u32() == Some(DONE) => Ok(process),
             Ok(()) => Err(self.broken(format!("expected {program} to serve plugins, found another program")).help(help)),
             Err(End::Stopped) => Err(NodeError::stopped()),
@@ -139,24 +153,22 @@ impl Isolated {
     /// Runs a task in a worker.
     fn task(&self, process: &mut Process, what: u32, request: &Request) -> Result<Result<Response, NodeError>, End> {
         let mut message = Writer::default();
+        process.task = process.task.wrapping_add(1).max(1);
         self.write_task(process, what, request, &mut message);
-        let mut patience = Patience::new(&self.workers, request.cancel);
+        let mut patience = Patience::new(&self.workers, request.cancel, process);
         let mut answer = Vec::new();
-        let mut is_refused = false;
-        process.begin();
         loop {
-            process.exchange(&message.0, &mut answer, &mut patience)?;
+            process.exchange(&message, &mut answer, &mut patience)?;
             patience.renew();
             let mut from = Reader(&answer);
-            message.0.clear();
+            message.clear();
             match from.u32() {
                 Some(DONE | FAILED) => {
-                    let result = read_end(process, &answer).ok_or(End::Garbage)?;
-                    let most = size(self.workers.memory);
-                    let limit = || format!("the plugin's process may take {most} of memory: `--plugin-memory SIZE` lets it take more");
-                    return Ok(result.map_err(|e| if is_refused && e.help.is_none() { e.help(limit()) } else { e }));
+                    let result = read_end(process, &answer, &mut patience)?.ok_or(End::Garbage)?;
+                    return Ok(result);
                 }
-                Some(ALLOC) => self.alloc(process, &mut from, &mut message).map(|given| is_refused |= !given),
+                #[cfg(target_os = "linux")]
+                Some(ALLOC) => self.alloc(process, &mut from, &mut message),
                 Some(FETCH) => fetch(process, request, &mut from, &mut message),
                 Some(LOG) => self.log(request.frame, &mut from),
                 _ => None,
@@ -174,6 +186,7 @@ impl Isolated {
         to.list(&gone, |to, id| to.u64(*id));
         process.settings.retain(|id| !gone.contains(id));
         let id = self.id_of(request.settings);
+        to.u32(process.task);
         to.u32(what);
         to.u32(request.node);
         to.u64(id);
@@ -199,8 +212,9 @@ impl Isolated {
         known.downcast_ref::<Known>().map_or(u64::MAX, |known| known.id)
     }
 
-    /// Gives memory for an output, as far as the limit goes; false where it does not.
-    fn alloc(&self, process: &mut Process, from: &mut Reader, to: &mut Writer) -> Option<bool> {
+    #[cfg(target_os = "linux")]
+    /// Gives memory for an output, as far as the limit goes.
+    fn alloc(&self, process: &mut Process, from: &mut Reader, to: &mut Writer) -> Option<()> {
         let (dtype, count) = (message::read_dtype(from)?, from.size()?);
         let has: u64 = process.blocks.values().map(|block| block.bytes().len() as u64).sum();
         let bytes = (count as u64).saturating_mul(dtype.size() as u64).saturating_add(has);
@@ -210,7 +224,7 @@ impl Isolated {
             at
         });
         message::write_option(to, at.as_ref(), |to, at| to.u64(*at));
-        Some(at.is_some())
+        Some(())
     }
 
     fn log(&self, frame: i64, from: &mut Reader) -> Option<()> {
@@ -219,21 +233,54 @@ impl Isolated {
         Some(())
     }
 
-    fn told(&self, end: &End) -> NodeError {
+    fn told(&self, end: &End, request: &Request) -> NodeError {
         if matches!(end, End::Stopped) {
             return NodeError::stopped();
         }
-        let error = self.broken(what_happened(end));
+        let fault = match end {
+            End::Hung(_) => Fault::PluginHang,
+            End::Memory(_) | End::Ended { near: Near::Refused, .. } => Fault::PluginMemory,
+            End::Ended { near: Near::Input(_) | Near::Late(..), .. } | End::Garbage | End::Closed | End::Stopped => Fault::Plugin,
+            End::Ended { .. } => Fault::PluginCrash,
+        };
+        let error = NodeError { fault, ..self.broken(self.what_happened(end, request)) };
         match end {
             End::Hung(_) => error
                 .help("`--plugin-timeout SECONDS` has it wait longer; the plugin may tell of its progress, which counts as a sign of life"),
-            End::Memory(_) => error.help("`--plugin-memory SIZE` lets it take more"),
+            End::Memory(_) | End::Ended { near: Near::Refused, .. } => error.help("`--plugin-memory SIZE` lets it take more"),
             _ => {
                 let most = size(self.workers.memory);
                 error.help(format!(
                     "this is a fault of the plugin's code, unless it needs more than {most} of memory (--plugin-memory): please tell its makers, with the graph and the inputs"
                 ))
             }
+        }
+    }
+
+    /// What a process gave in place of an answer.
+    fn what_happened(&self, end: &End, request: &Request) -> String {
+        let node = |node: u32| self.manifest.plugin.nodes.get(node as usize);
+        match end {
+            End::Ended { near: Near::Input(which), signal, .. } => {
+                let input = which.and_then(|i| node(request.node)?.inputs.get(i as usize)).map(|input| format!("input `{}`", input.name));
+                let what = match which {
+                    Some(STATE_INPUT) => "its state".to_owned(),
+                    _ => input.unwrap_or_else(|| "inputs".to_owned()),
+                };
+                format!("expected {what} to be left as it is, found it written to ({} in its process)", signal_name(*signal as i32))
+            }
+            End::Ended { near: Near::Refused, status, .. } => {
+                let (most, ended) = (size(self.workers.memory), status.map_or_else(|| "ended".to_owned(), ended));
+                format!("expected its process to take at most {most} of memory, found it asking for more, and going on without: it {ended}")
+            }
+            End::Ended { near: Near::Late(which, frame), signal, .. } => {
+                let node = node(*which).map_or("?", |node| node.id.as_str());
+                let signal = signal_name(*signal as i32);
+                format!(
+                    "expected what `{node}` made at frame {frame} to be left as it was put out, found it written to later ({signal} in its process)"
+                )
+            }
+            _ => what_happened(end),
         }
     }
 }
@@ -248,6 +295,16 @@ impl Transport for Isolated {
     }
 }
 
+/// True where a worker was ended by a write to what it had put out before.
+fn is_late(end: &End) -> bool {
+    matches!(end, End::Ended { near: Near::Late(..), .. })
+}
+
+/// What to do where a worker was refused memory.
+pub(super) fn memory_help(most: u64) -> String {
+    format!("the plugin's process may take {} of memory: `--plugin-memory SIZE` lets it take more", size(most))
+}
+
 /// `512 MiB`.
 fn size(bytes: u64) -> String {
     match bytes {
@@ -258,9 +315,6 @@ fn size(bytes: u64) -> String {
 
 fn what_happened(end: &End) -> String {
     match end {
-        End::Ended { is_input: true, signal, .. } => {
-            format!("expected inputs to be left as they are, found one written to ({} in its process)", signal_name(*signal as i32))
-        }
         End::Ended { status, signal, address, .. } => {
             let at = if *signal == libc::SIGSEGV as u32 || *signal == libc::SIGBUS as u32 {
                 format!(" at address {address:#x}")
@@ -272,6 +326,7 @@ fn what_happened(end: &End) -> String {
         End::Garbage => "expected an answer of its process, found what is none: it wrote where it must not".to_owned(),
         End::Hung(time) => format!("expected a sign of life within {} s, found none: its process was ended", time.as_secs_f64()),
         End::Memory(most) => format!("expected its process to take at most {} of memory, found more: it was ended", size(*most)),
+        End::Closed => "expected its process to stay in touch, found it closing what leads to its host: it was ended".to_owned(),
         End::Stopped => "cancelled".to_owned(),
     }
 }
@@ -331,7 +386,9 @@ fn write_value(process: &mut Process, value: &ValueRef, to: &mut Writer) {
     let id = process.next;
     process.next += 1;
     let parts = value.parts();
+    #[allow(unused_mut, reason = "there are none where all goes over sockets")]
     let mut copies = Vec::new();
+    let mut at = 0;
     to.u64(id);
     to.text(value.type_name());
     let meta = if parts.meta.is_empty() { String::new() } else { serde_json::Value::Object(parts.meta).to_string() };
@@ -340,24 +397,53 @@ fn write_value(process: &mut Process, value: &ValueRef, to: &mut Writer) {
         to.text(name);
         message::write_dtype(to, view.dtype);
         message::write_shape(to, &view.shape);
-        let there = arena::offset(view.bytes.as_ptr(), view.bytes.len()).or_else(|| {
-            let (copy, at) = (view.bytes.len() >= LARGE).then(|| arena::copy(view.bytes)).flatten()?;
-            copies.push(copy);
-            Some(at)
-        });
-        match there.filter(|_| !view.bytes.is_empty()) {
-            Some(at) => {
-                to.u32(message::THERE);
-                to.u64(at);
+        if process.link.is_piped() {
+            if view.bytes.len() >= LARGE {
+                to.u32(message::ALONG);
                 to.u64(view.bytes.len() as u64);
-            }
-            None => {
+                to.along.push(Along::Of(value.clone(), at));
+            } else {
                 to.u32(message::HERE);
                 to.bytes(view.bytes);
             }
+            at += 1;
+            return;
         }
+        #[cfg(target_os = "linux")]
+        write_shared(view.bytes, to, &mut copies);
     });
     process.lent.insert(id, Loan { value: value.clone(), _copies: copies });
+}
+
+/// Bytes that lie in the memory that is shared, or are copied there, or go along where they are few.
+#[cfg(target_os = "linux")]
+fn write_shared(bytes: &[u8], to: &mut Writer, copies: &mut Vec<Arc<dyn crate::array::Bytes>>) {
+    let there = arena::offset(bytes.as_ptr(), bytes.len()).or_else(|| {
+        let (copy, at) = (bytes.len() >= LARGE).then(|| arena::copy(bytes)).flatten()?;
+        copies.push(copy);
+        Some(at)
+    });
+    match there.filter(|_| !bytes.is_empty()) {
+        Some(at) => {
+            to.u32(message::THERE);
+            to.u64(at);
+            to.u64(bytes.len() as u64);
+        }
+        None => {
+            to.u32(message::HERE);
+            to.bytes(bytes);
+        }
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn has_shared_memory() -> bool {
+    arena::start()
+}
+
+#[cfg(not(target_os = "linux"))]
+fn has_shared_memory() -> bool {
+    false
 }
 
 fn fetch(process: &mut Process, request: &Request, from: &mut Reader, to: &mut Writer) -> Option<()> {
@@ -377,24 +463,38 @@ fn fetch(process: &mut Process, request: &Request, from: &mut Reader, to: &mut W
 }
 
 /// What came of a task; `None` where it cannot be read.
-fn read_end(process: &mut Process, answer: &[u8]) -> Option<Result<Response, NodeError>> {
-    let mut from = Reader(answer);
-    let is_done = from.u32()? == DONE;
-    let released = from.list(Reader::u64)?;
-    let freed = from.list(Reader::u64)?;
-    let result = if is_done { Ok(read_response(process, &mut from)?) } else { Err(message::read_error(&mut from)?) };
-    released.iter().for_each(|id| drop(process.lent.remove(id)));
-    freed.iter().for_each(|at| drop(process.blocks.remove(at)));
-    Some(result)
+fn read_end(process: &mut Process, answer: &[u8], patience: &mut Patience) -> Result<Option<Result<Response, NodeError>>, End> {
+    let mut end = None;
+    let read = (|| {
+        let mut from = Reader(answer);
+        let is_done = from.u32()? == DONE;
+        let released = from.list(Reader::u64)?;
+        let freed = from.list(Reader::u64)?;
+        let mut left = patience.most();
+        let mut fill = |process: &Process, dtype: DType, bytes: usize| {
+            // A worker can put out no more than it may have.
+            left = left.checked_sub(bytes as u64)?;
+            let mut data = Data::zeroed(dtype, bytes / dtype.size())?;
+            process.read(elements(&mut data), patience).map_err(|e| end = Some(e)).ok().map(|()| data)
+        };
+        let result = if is_done { Ok(read_response(process, &mut from, &mut fill)?) } else { Err(message::read_error(&mut from)?) };
+        released.iter().for_each(|id| drop(process.lent.remove(id)));
+        freed.iter().for_each(|at| drop(process.blocks.remove(at)));
+        Some(result)
+    })();
+    end.map_or(Ok(read), Err)
 }
 
-fn read_response(process: &mut Process, from: &mut Reader) -> Option<Response> {
+/// Reads an array of so many bytes, which goes behind the answer.
+type Fill<'a> = dyn FnMut(&Process, DType, usize) -> Option<Data> + 'a;
+
+fn read_response(process: &mut Process, from: &mut Reader, fill: &mut Fill) -> Option<Response> {
     let needs = from.list(|from| Some((from.u32()?, from.i64()?)))?;
     let previous = message::read_option(from, Reader::i64)?;
     let made = from.list(|from| {
         let (output, index) = (from.u32()?, from.u64()?);
         let what = match from.u32()? {
-            message::PARTS => MadeOf::Parts(read_parts(process, from)?),
+            message::PARTS => MadeOf::Parts(read_parts(process, from, fill)?),
             message::PASSED => MadeOf::Passed(process.lent.get(&from.u64()?)?.value.clone()),
             _ => return None,
         };
@@ -403,7 +503,7 @@ fn read_response(process: &mut Process, from: &mut Reader) -> Option<Response> {
     Some(Response { made, needs, previous })
 }
 
-fn read_parts(process: &mut Process, from: &mut Reader) -> Option<OwnedParts> {
+fn read_parts(process: &mut Process, from: &mut Reader, fill: &mut Fill) -> Option<OwnedParts> {
     let meta = match from.text()? {
         "" => Meta::default(),
         text => serde_json::from_str(text).ok()?,
@@ -412,12 +512,14 @@ fn read_parts(process: &mut Process, from: &mut Reader) -> Option<OwnedParts> {
         let name = from.text()?.to_owned().into();
         let dtype = message::read_dtype(from)?;
         let shape = message::read_shape(from)?;
+        let bytes = message::bytes_of(dtype, &shape)?;
         let data: Data = match from.u32()? {
             message::HERE => Data::copied(dtype, from.bytes()?)?,
             message::THERE => process.blocks.remove(&from.u64()?)?,
+            message::ALONG if from.size()? == bytes => fill(process, dtype, bytes)?,
             _ => return None,
         };
-        let fits = data.dtype() == dtype && message::bytes_of(dtype, &shape) == Some(data.bytes().len());
+        let fits = data.dtype() == dtype && bytes == data.bytes().len();
         fits.then_some((name, Array { shape, data }))
     })?;
     Some(OwnedParts { arrays, meta })

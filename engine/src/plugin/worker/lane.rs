@@ -7,6 +7,8 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
 use super::arena::{map, memory_file};
+use super::link::Broken;
+use super::notes::Notes;
 
 /// Bytes of the buffer; longer messages go in several pieces.
 const BUFFER: usize = 1 << 18;
@@ -21,30 +23,14 @@ const WORKER: u32 = 2;
 
 /// What the page holds.
 #[repr(C)]
-pub(super) struct Control {
+struct Control {
+    notes: Notes,
     turn: AtomicU32,
     /// Not nought while somebody sleeps until it is their turn: of the host, of the worker.
     sleeps: [AtomicU32; 2],
     /// Not nought where another piece of the message follows.
     more: AtomicU32,
     length: AtomicU64,
-    /// Not nought once the host wants the task to stop.
-    pub(super) cancel: AtomicU32,
-    /// The signal that ends the worker, and what was at fault: 1 a write to an input, 2 memory that ran out, 0 neither.
-    pub(super) signal: AtomicU32,
-    pub(super) near: AtomicU32,
-    /// Counts signs of life.
-    pub(super) beats: AtomicU32,
-    pub(super) address: AtomicU64,
-}
-
-/// Why a message did not come.
-#[derive(Debug, PartialEq)]
-pub(super) enum Broken {
-    /// What lies there is no message.
-    Garbage,
-    /// Whoever waited gave it up.
-    GivenUp,
 }
 
 /// One end.
@@ -76,16 +62,20 @@ impl Lane {
         Ok(Self { at: map(file.as_raw_fd(), HEAD + BUFFER, libc::PROT_READ | libc::PROT_WRITE)?, is_host: false })
     }
 
-    pub(super) fn control(&self) -> &Control {
+    pub(super) fn notes(&self) -> &Notes {
+        &self.control().notes
+    }
+
+    fn control(&self) -> &Control {
         // SAFETY: the mapping begins with it, is aligned for it, and is there as long as the lane; all fields are atomic, and any bits are a value.
         unsafe { &*(self.at as *const Control) }
     }
 
     /// The page of a worker's end, which stays mapped for as long as the process.
-    pub(super) fn forever(&self) -> &'static Control {
+    pub(super) fn forever(&self) -> &'static Notes {
         debug_assert!(!self.is_host);
         // SAFETY: as of `control`; a worker's end is never unmapped.
-        unsafe { &*(self.at as *const Control) }
+        unsafe { &(*(self.at as *const Control)).notes }
     }
 
     fn mine(&self) -> u32 {

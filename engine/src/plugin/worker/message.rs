@@ -31,9 +31,10 @@ pub(super) const FRAMES: u32 = 1;
 pub(super) const SEQUENCE: u32 = 2;
 pub(super) const NUMBER: u32 = 3;
 
-/// Where an array lies: in the message, or in the memory that is shared.
+/// Where an array lies: in the message, in the memory that is shared, or behind the message.
 pub(super) const HERE: u32 = 0;
 pub(super) const THERE: u32 = 1;
+pub(super) const ALONG: u32 = 2;
 
 /// What a made value is.
 pub(super) const PARTS: u32 = 0;

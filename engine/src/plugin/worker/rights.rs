@@ -1,27 +1,37 @@
-//! What a worker may do: less than the user who started it.
+//! What a worker may do: less than the user who started it; and what it writes down where a signal ends it.
 
-use std::ffi::CString;
-use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+#[cfg(target_os = "linux")]
+mod linux;
+
+use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, AtomicUsize, Ordering};
+
+#[cfg(target_os = "linux")]
+pub(super) use linux::give_up;
+#[cfg(target_os = "linux")]
+use linux::{data_of_process, end_with_parent};
 
 use super::fail;
-use super::lane::Control;
+use super::notes::{Near, Notes};
+use super::pipe;
 
-/// Ends this process when the thread that started it is gone, which is there for as long as its process.
+/// Ends this process when its host is gone. Where the system does not see to it, whoever listens to the host does.
 pub(super) fn end_with(host: u32) -> bool {
-    // SAFETY: sets and asks for numbers of this process.
-    unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) == 0 && libc::getppid() as u32 == host }
+    // SAFETY: asks for a number of this process.
+    end_with_parent() && unsafe { libc::getppid() }.cast_unsigned() == host
 }
 
-/// Gives up the network, and writing anywhere but under `writable`, as far as this kernel lets it: Landlock (Linux 5.13) and seccomp. Reading files,
-/// devices, and sockets of this machine stay.
-pub(super) fn give_up(writable: &[PathBuf]) {
-    // SAFETY: sets a flag of this process, which lasts.
-    unsafe { libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) };
-    // What the kernel does not know of is done without.
-    let _ = write_only_under(writable);
-    let _ = no_network();
+#[cfg(not(target_os = "linux"))]
+fn end_with_parent() -> bool {
+    true
+}
+
+/// Nothing is known here that could be given up.
+#[cfg(not(target_os = "linux"))]
+pub(super) fn give_up(_writable: &[std::path::PathBuf]) {}
+
+#[cfg(not(target_os = "linux"))]
+fn data_of_process() -> u64 {
+    0
 }
 
 /// Refuses memory beyond `most` bytes, and a quarter more, as whoever looks now and then should have seen it before. Leaves no core files.
@@ -29,6 +39,7 @@ pub(super) fn limit_memory(most: u64) {
     let limit = data_of_process().saturating_add(most);
     LIMIT.store(limit, Ordering::Relaxed);
     let most = limit.saturating_add(most / 4);
+    let most = most as libc::rlim_t;
     let limit = libc::rlimit { rlim_cur: most, rlim_max: most };
     let none = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
     // SAFETY: lowers limits of this process.
@@ -38,132 +49,97 @@ pub(super) fn limit_memory(most: u64) {
     }
 }
 
-/// Bytes of memory that this process has asked for to write to. Does nothing but what a signal's handler may.
-fn data_of_process() -> u64 {
-    let mut text = [0u8; 128];
-    // SAFETY: reads into what is there, from a file that is closed again.
-    let (length, page) = unsafe {
-        let file = libc::open(c"/proc/self/statm".as_ptr(), libc::O_RDONLY | libc::O_CLOEXEC);
-        let length = libc::read(file, text.as_mut_ptr().cast(), text.len());
-        libc::close(file);
-        (length, libc::sysconf(libc::_SC_PAGESIZE))
-    };
-    let text = text.get(..usize::try_from(length).unwrap_or(0)).unwrap_or_default();
-    let number = |word: &[u8]| word.iter().fold(0u64, |n, c| n.wrapping_mul(10).wrapping_add(u64::from(c.wrapping_sub(b'0'))));
-    let pages = text.split(|c| *c == b' ').nth(5).map_or(0, number);
-    pages.saturating_mul(u64::try_from(page).unwrap_or(4096))
-}
-
 /// Bytes beyond which memory has run out.
 static LIMIT: AtomicU64 = AtomicU64::new(u64::MAX);
 
-const WRITE_FILE: u64 = 1 << 1;
-/// Making and removing of files, links and folders.
-const MAKE: u64 = 0b1_1111_1111 << 4;
-const REFER: u64 = 1 << 13;
-const TRUNCATE: u64 = 1 << 14;
-
-#[repr(C)]
-struct Ruleset {
-    handled: u64,
-}
-
-#[repr(C, packed)]
-struct Beneath {
-    allowed: u64,
-    folder: i32,
-}
-
-fn write_only_under(writable: &[PathBuf]) -> std::io::Result<()> {
-    // SAFETY: asks for the version; nothing is pointed at.
-    let version = unsafe { libc::syscall(libc::SYS_landlock_create_ruleset, std::ptr::null::<u8>(), 0usize, 1u32) };
-    if version < 1 {
-        return Err(fail());
-    }
-    let handled = WRITE_FILE | MAKE | if version >= 2 { REFER } else { 0 } | if version >= 3 { TRUNCATE } else { 0 };
-    let asked = Ruleset { handled };
-    // SAFETY: the struct is as long as it says; what comes back is a file of ours.
-    let rules = unsafe {
-        let rules = libc::syscall(libc::SYS_landlock_create_ruleset, &raw const asked, size_of::<Ruleset>(), 0u32);
-        if rules < 0 {
-            return Err(fail());
-        }
-        OwnedFd::from_raw_fd(rules as i32)
-    };
-    allow(&rules, Path::new("/dev"), (WRITE_FILE | TRUNCATE) & handled)?;
-    for folder in writable {
-        allow(&rules, folder, handled)?;
-    }
-    // SAFETY: a file of ours.
-    match unsafe { libc::syscall(libc::SYS_landlock_restrict_self, rules.as_raw_fd(), 0u32) } {
-        0 => Ok(()),
-        _ => Err(fail()),
-    }
-}
-
-fn allow(rules: &OwnedFd, folder: &Path, allowed: u64) -> std::io::Result<()> {
-    let Ok(path) = CString::new(folder.as_os_str().as_encoded_bytes()) else { return Ok(()) };
-    // SAFETY: the path is a text that ends with a nought; what comes back is ours.
-    let opened = unsafe { libc::open(path.as_ptr(), libc::O_PATH | libc::O_CLOEXEC) };
-    if opened < 0 {
-        // Where nothing is, nothing can be written.
-        return Ok(());
-    }
-    // SAFETY: as above.
-    let opened = unsafe { OwnedFd::from_raw_fd(opened) };
-    let rule = Beneath { allowed, folder: opened.as_raw_fd() };
-    // SAFETY: files of ours, and a struct that is there through the call; 1 is the kind of rule that it is.
-    match unsafe { libc::syscall(libc::SYS_landlock_add_rule, rules.as_raw_fd(), 1u32, &raw const rule, 0u32) } {
-        0 => Ok(()),
-        _ => Err(fail()),
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-const ARCHITECTURE: u32 = 0xc000_003e;
-#[cfg(target_arch = "aarch64")]
-const ARCHITECTURE: u32 = 0xc000_00b7;
-
-/// Refuses sockets of other kinds than this machine's own.
-#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-fn no_network() -> std::io::Result<()> {
-    let load = (libc::BPF_LD | libc::BPF_W | libc::BPF_ABS) as u16;
-    let equal = (libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K) as u16;
-    let end = (libc::BPF_RET | libc::BPF_K) as u16;
-    let step = |code: u16, k: u32, jt: u8, jf: u8| libc::sock_filter { code, jt, jf, k };
-    let refused = libc::SECCOMP_RET_ERRNO | libc::EACCES as u32;
-    // The words of what is looked at: number of the call, architecture, and from the sixteenth byte its arguments.
-    let program = [
-        step(load, 4, 0, 0),
-        step(equal, ARCHITECTURE, 0, 5),
-        step(load, 0, 0, 0),
-        step(equal, libc::SYS_io_uring_setup as u32, 4, 0),
-        step(equal, libc::SYS_socket as u32, 0, 2),
-        step(load, 16, 0, 0),
-        step(equal, libc::AF_UNIX as u32, 0, 1),
-        step(end, libc::SECCOMP_RET_ALLOW, 0, 0),
-        step(end, refused, 0, 0),
-    ];
-    let program = libc::sock_fprog { len: program.len() as u16, filter: program.as_ptr().cast_mut() };
-    // SAFETY: the program is there through the call, which copies it.
-    match unsafe { libc::prctl(libc::PR_SET_SECCOMP, libc::SECCOMP_MODE_FILTER, &raw const program) } {
-        0 => Ok(()),
-        _ => Err(fail()),
-    }
-}
-
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-fn no_network() -> std::io::Result<()> {
-    Err(std::io::Error::from(std::io::ErrorKind::Unsupported))
-}
-
-static CONTROL: AtomicUsize = AtomicUsize::new(0);
+static NOTES: AtomicUsize = AtomicUsize::new(0);
 /// Where inputs lie: first and last address, of the memory that is shared and of what came in messages.
-pub(super) static INPUTS: [AtomicUsize; 4] = [const { AtomicUsize::new(0) }; 4];
+static ALL_INPUTS: [AtomicUsize; 4] = [const { AtomicUsize::new(0) }; 4];
+
+/// Where some of this task lie, and which they are.
+struct Place {
+    from: AtomicUsize,
+    to: AtomicUsize,
+    input: AtomicU32,
+}
+
+/// Arrays of inputs that are told from others; those of what has more are inputs, and no more is known.
+const PLACES: usize = 256;
+static PLACE: [Place; PLACES] = [const { Place { from: AtomicUsize::new(0), to: AtomicUsize::new(0), input: AtomicU32::new(0) } }; PLACES];
+static PLACED: AtomicUsize = AtomicUsize::new(0);
+
+/// Says where inputs lie, of one kind.
+pub(super) fn set_inputs(kind: usize, range: std::ops::Range<usize>) {
+    ALL_INPUTS[2 * kind].store(range.start, Ordering::Relaxed);
+    ALL_INPUTS[2 * kind + 1].store(range.end, Ordering::Relaxed);
+}
+
+/// Says where an array of an input lies.
+pub(super) fn add_input(bytes: &[u8], input: u32) {
+    let at = PLACED.load(Ordering::Relaxed);
+    if let Some(place) = PLACE.get(at).filter(|_| !bytes.is_empty()) {
+        let from = bytes.as_ptr() as usize;
+        place.from.store(from, Ordering::Relaxed);
+        place.to.store(from + bytes.len(), Ordering::Relaxed);
+        place.input.store(input, Ordering::Relaxed);
+        PLACED.store(at + 1, Ordering::Relaxed);
+    }
+}
+
+/// Before a task: it has inputs of its own.
+pub(super) fn forget_inputs() {
+    PLACED.store(0, Ordering::Relaxed);
+}
+
+/// Before a task: what the system refuses from here on, it refuses this.
+pub(super) fn forget_errors() {
+    // SAFETY: closes nothing, which is refused for another reason than want of memory.
+    unsafe { libc::close(-1) };
+}
+
+/// What was put out and may not be written any longer.
+struct Past {
+    from: AtomicUsize,
+    to: AtomicUsize,
+    node: AtomicU32,
+    frame: AtomicI64,
+}
+
+/// As many as are remembered.
+const PASTS: usize = 64;
+static PAST: [Past; PASTS] =
+    [const { Past { from: AtomicUsize::new(0), to: AtomicUsize::new(0), node: AtomicU32::new(0), frame: AtomicI64::new(0) } }; PASTS];
+static PASSED: AtomicUsize = AtomicUsize::new(0);
+
+/// Says that nobody may write there from here on, as it was put out by a node at a frame.
+pub(super) fn add_past(range: std::ops::Range<usize>, (node, frame): (u32, i64)) {
+    let past = &PAST[PASSED.fetch_add(1, Ordering::Relaxed) % PASTS];
+    past.to.store(0, Ordering::Relaxed);
+    past.node.store(node, Ordering::Relaxed);
+    past.frame.store(frame, Ordering::Relaxed);
+    past.from.store(range.start, Ordering::Relaxed);
+    past.to.store(range.end, Ordering::Relaxed);
+}
+
+/// What an address is near. Does nothing but what a signal's handler may.
+fn near(address: usize) -> Near {
+    let load = |word: &AtomicUsize| word.load(Ordering::Relaxed);
+    let placed = PLACE.iter().take(load(&PLACED)).find(|place| (load(&place.from)..load(&place.to)).contains(&address));
+    if let Some(place) = placed {
+        return Near::Input(Some(place.input.load(Ordering::Relaxed)));
+    }
+    if ALL_INPUTS.as_chunks::<2>().0.iter().any(|[from, to]| (load(from)..load(to)).contains(&address)) {
+        return Near::Input(None);
+    }
+    let newest = load(&PASSED);
+    let past = (1..=PASTS.min(newest)).map(|back| &PAST[(newest - back) % PASTS]);
+    let mut past = past.filter(|past| (load(&past.from)..load(&past.to)).contains(&address));
+    past.next().map_or(Near::Unknown, |past| Near::Late(past.node.load(Ordering::Relaxed), past.frame.load(Ordering::Relaxed)))
+}
 
 /// Writes down which signal ends this process, and at which address, for the host to say.
-pub(super) fn note_signals(control: &'static Control) {
-    CONTROL.store(std::ptr::from_ref(control) as usize, Ordering::Release);
+pub(super) fn note_signals(notes: &'static Notes) {
+    NOTES.store(std::ptr::from_ref(notes) as usize, Ordering::Release);
     for signal in [libc::SIGSEGV, libc::SIGBUS, libc::SIGABRT, libc::SIGFPE, libc::SIGILL] {
         // SAFETY: the handler does nothing but what a handler may.
         unsafe {
@@ -176,17 +152,26 @@ pub(super) fn note_signals(control: &'static Control) {
 }
 
 extern "C" fn note(signal: libc::c_int, info: *mut libc::siginfo_t, _context: *mut libc::c_void) {
-    // SAFETY: the system hands over what it knows; the page is there as long as the process; atomic writes and `signal` are what a handler may do.
+    /// Where nothing lies, and what is reached by way of null.
+    const NOWHERE: usize = 1 << 16;
+    // What the system refused last.
+    let is_refused = fail().raw_os_error() == Some(libc::ENOMEM);
+    // SAFETY: the system hands over what it knows; the page is there as long as the process; atomic writes, `send` and `signal` are what a handler may do.
     unsafe {
         let has_address = signal == libc::SIGSEGV || signal == libc::SIGBUS;
         let address = if has_address { (*info).si_addr() as usize } else { 0 };
-        let [from, to, from_small, to_small] = [0, 1, 2, 3].map(|i: usize| INPUTS[i].load(Ordering::Relaxed));
-        let is_input = has_address && ((from..to).contains(&address) || (from_small..to_small).contains(&address));
-        if let Some(control) = (CONTROL.load(Ordering::Acquire) as *const Control).as_ref() {
-            control.address.store(address as u64, Ordering::Relaxed);
+        let found = if has_address { near(address) } else { Near::Unknown };
+        let gave_up = signal == libc::SIGABRT || has_address && address < NOWHERE;
+        if let Some(notes) = (NOTES.load(Ordering::Acquire) as *const Notes).as_ref() {
+            notes.address.store(address as u64, Ordering::Relaxed);
             let is_out = data_of_process() > LIMIT.load(Ordering::Relaxed);
-            control.near.store(if is_out { 2 } else { u32::from(is_input) }, Ordering::Relaxed);
-            control.signal.store(signal as u32, Ordering::Release);
+            notes.set_near(match found {
+                _ if is_out => Near::Memory,
+                Near::Unknown if is_refused && gave_up => Near::Refused,
+                found => found,
+            });
+            notes.signal.store(signal as u32, Ordering::Release);
+            pipe::send_notes(notes);
         }
         // What was at fault is at fault again, and ends the process as it would have.
         libc::signal(signal, libc::SIG_DFL);

@@ -10,13 +10,14 @@ const ALIGNED: usize = 64;
 /// Sheets that are kept to be used again.
 const KEPT: usize = 8;
 
-struct Pages {
-    at: usize,
+/// Pages of this process alone.
+pub(super) struct Pages {
+    pub(super) at: usize,
     bytes: usize,
 }
 
 impl Pages {
-    fn new(bytes: usize) -> std::io::Result<Self> {
+    pub(super) fn new(bytes: usize) -> std::io::Result<Self> {
         let rights = libc::PROT_READ | libc::PROT_WRITE;
         // SAFETY: a new mapping, where the system wants it.
         let at = unsafe { libc::mmap(std::ptr::null_mut(), bytes, rights, libc::MAP_PRIVATE | libc::MAP_ANONYMOUS, -1, 0) };
@@ -57,6 +58,25 @@ impl Bytes for Piece {
 }
 
 impl Sheet {
+    /// A sheet for one array of so many bytes.
+    pub(super) fn new(bytes: usize) -> Option<Self> {
+        #[allow(clippy::arc_with_non_send_sync, reason = "it is both")]
+        let pages = Arc::new(Pages::new(bytes.max(1)).ok()?);
+        Some(Self { pages, used: bytes })
+    }
+
+    /// The bytes of that array, to be filled.
+    pub(super) fn bytes_mut(&mut self) -> &mut [u8] {
+        // SAFETY: the pages are as many, can be written, and nobody else has them yet.
+        unsafe { std::slice::from_raw_parts_mut(self.pages.at as *mut u8, self.used) }
+    }
+
+    /// That array, which can be read alone from here on.
+    pub(super) fn whole(self) -> Arc<dyn Bytes> {
+        self.seal();
+        Arc::new(Piece { pages: self.pages, from: 0, bytes: self.used })
+    }
+
     /// Copies bytes onto it; `None` where there is no room.
     pub(super) fn add(&mut self, bytes: &[u8]) -> Option<Arc<dyn Bytes>> {
         let (from, end) = (self.used, self.used.checked_add(bytes.len())?);

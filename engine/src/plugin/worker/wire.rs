@@ -1,29 +1,56 @@
 //! Messages: numbers and texts one after the other. Whoever reads them takes nothing for granted.
 
-/// A message that is being written.
+use crate::array::Data;
+use crate::value::ValueRef;
+
+/// A message that is being written, and the arrays that go behind it.
 #[derive(Default)]
-pub(super) struct Writer(pub(super) Vec<u8>);
+pub(super) struct Writer {
+    pub(super) bytes: Vec<u8>,
+    pub(super) along: Vec<Along>,
+}
+
+/// An array that goes behind a message, as it lies.
+pub(super) enum Along {
+    /// One of the arrays of a value.
+    Of(ValueRef, usize),
+    Data(Data),
+}
+
+impl Along {
+    pub(super) fn bytes(&self) -> &[u8] {
+        match self {
+            Self::Of(value, at) => value.nth_array(*at).map_or(&[], |(_, view)| view.bytes),
+            Self::Data(data) => data.bytes(),
+        }
+    }
+}
 
 impl Writer {
+    pub(super) fn clear(&mut self) {
+        self.bytes.clear();
+        self.along.clear();
+    }
+
     pub(super) fn u32(&mut self, number: u32) {
-        self.0.extend(number.to_ne_bytes());
+        self.bytes.extend(number.to_ne_bytes());
     }
 
     pub(super) fn u64(&mut self, number: u64) {
-        self.0.extend(number.to_ne_bytes());
+        self.bytes.extend(number.to_ne_bytes());
     }
 
     pub(super) fn i64(&mut self, number: i64) {
-        self.0.extend(number.to_ne_bytes());
+        self.bytes.extend(number.to_ne_bytes());
     }
 
     pub(super) fn f64(&mut self, number: f64) {
-        self.0.extend(number.to_ne_bytes());
+        self.bytes.extend(number.to_ne_bytes());
     }
 
     pub(super) fn bytes(&mut self, bytes: &[u8]) {
         self.u64(bytes.len() as u64);
-        self.0.extend_from_slice(bytes);
+        self.bytes.extend_from_slice(bytes);
     }
 
     pub(super) fn text(&mut self, text: &str) {
@@ -101,12 +128,12 @@ mod tests {
         to.i64(-3);
         to.f64(0.5);
         to.list(&["a", "", "bc"], |to, text| to.text(text));
-        let mut from = Reader(&to.0);
+        let mut from = Reader(&to.bytes);
         assert_eq!((from.u32(), from.i64(), from.f64()), (Some(7), Some(-3), Some(0.5)));
         assert_eq!(from.list(Reader::text), Some(vec!["a", "", "bc"]));
         assert!(from.0.is_empty() && from.u32().is_none());
-        for end in 0..to.0.len() {
-            let mut from = Reader(&to.0[..end]);
+        for end in 0..to.bytes.len() {
+            let mut from = Reader(&to.bytes[..end]);
             let all = (|| Some((from.u32()?, from.i64()?, from.f64()?, from.list(Reader::text)?)))();
             assert_eq!(all, None, "{end}");
         }

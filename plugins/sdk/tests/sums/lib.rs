@@ -200,6 +200,30 @@ impl Recurrent for SumsRunning {
     }
 }
 
+/// A running sum that begins anew every other frame, and reaches back two.
+#[derive(Node)]
+#[node(id = "sums.leaping", version = 1, kind = recurrent, outputs = One)]
+struct SumsLeaping {
+    /// The numbers.
+    value: In<Curve>,
+    /// Frames that it reaches back.
+    #[input(default = 2, range = 1..=8)]
+    leap: i64,
+}
+
+impl Recurrent for SumsLeaping {
+    type State = Sum;
+
+    fn previous(&self, cx: &Context) -> Option<i64> {
+        (cx.frame - self.leap >= cx.clock.first).then(|| cx.frame - self.leap)
+    }
+
+    fn run(self, state: Option<&Sum>, _cx: &Context) -> Result<(One, Sum), NodeError> {
+        let sum = state.map_or(0.0, |s| s.sum) + self.value.value;
+        Ok((One { value: Vector { values: vec![sum] } }, Sum { sum }))
+    }
+}
+
 /// The numbers of a shot the other way round.
 #[derive(Node)]
 #[node(id = "sums.back", version = 1, kind = whole, outputs = Back)]
@@ -267,7 +291,7 @@ pegbar_plugin::export! {
     doc: "Numbers.",
     threads: instance,
     per_frame: [SumsBlend, SumsFrame, SumsJoin, SumsWindow, SumsMake, SumsLook, SumsNext, SumsWrong],
-    recurrent: [SumsRunning],
+    recurrent: [SumsRunning, SumsLeaping],
     whole: [SumsBack],
     values: [Numbers],
 }
