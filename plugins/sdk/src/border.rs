@@ -19,7 +19,7 @@ use pegbar_engine::node::{Arg, Cancel, Context, Fault, InputSchema, InputType, K
 use pegbar_engine::plugin::{Description, InputText, NodeText, OutputText, Threads, TypeText};
 use pegbar_engine::registry::{NodeType, Registry};
 use pegbar_engine::setting::Place;
-use pegbar_engine::value::{Curve, OwnedParts, ValueRef, ValueType};
+use pegbar_engine::value::{Curve, OwnedParts, ValueRef, ValueType, Vector};
 
 /// What a plugin exports.
 pub struct Exports {
@@ -299,6 +299,10 @@ unsafe fn adopt(at: *const PbValue, exports: &Exports, ty: Option<&ValueType>) -
     let found = || String::from_utf8_lossy(name);
     let ty = ty.filter(|ty| ty.schema.name.as_bytes() == name).or_else(|| exports.registry.get_type(&found()));
     let ty = ty.ok_or_else(|| strange(&format!("a value of a type of the plugin, found {}; such a value", found())))?;
+    // SAFETY: as the caller says.
+    if let (Some(value), 1) = (unsafe { numbers(ty.schema.name, (*at).arrays) }, unsafe { (*at).array_count }) {
+        return Ok(value);
+    }
     let mut parts = OwnedParts { arrays: Vec::with_capacity(ty.schema.arrays.len()), ..OwnedParts::default() };
     if meta.len() > "{}".len() {
         parts.meta = serde_json::from_slice(meta).map_err(|_| strange("a value whose text is one JSON object"))?;
@@ -323,6 +327,27 @@ unsafe fn adopt(at: *const PbValue, exports: &Exports, ty: Option<&ValueType>) -
         parts.arrays.push((name, Array { shape, data }));
     }
     (ty.from_parts)(parts).map_err(|e| NodeError::input(format!("a value of {}: {e}", ty.schema.name)))
+}
+
+/// The engine's own numbers, which most wires bring, without the detour by parts; `None` where it is another type, or is not as it should be.
+///
+/// # Safety
+/// The array is a host's.
+unsafe fn numbers(ty: &str, array: *const PbArray) -> Option<ValueRef> {
+    // SAFETY: as the caller says; one without bytes is left to others.
+    let array = unsafe { array.as_ref() }.filter(|array| array.dtype == PB_F64 && array.bytes > 0 && array.bytes < SMALL as u64)?;
+    // SAFETY: the value has as many bytes there.
+    let bytes = unsafe { std::slice::from_raw_parts(array.data, array.bytes as usize) };
+    // SAFETY: as the caller says.
+    let name = unsafe { bytes_of(&array.name) };
+    match (ty, name, array.rank) {
+        ("Vector", b"values", 1) if array.shape[0].checked_mul(8) == Some(array.bytes) => match Data::copied(DType::F64, bytes)? {
+            Data::F64(values) => Some(Arc::new(Vector { values })),
+            _ => None,
+        },
+        ("Curve", b"value", 0) => Some(Arc::new(Curve { value: f64::from_ne_bytes(bytes.try_into().ok()?) })),
+        _ => None,
+    }
 }
 
 /// A task that may be talked to while it runs, and not after.

@@ -14,9 +14,9 @@ use super::notes::Notes;
 const BUFFER: usize = 1 << 18;
 /// Where it begins.
 const HEAD: usize = 1 << 16;
-/// Looks at whose turn it is before going to sleep, a few microseconds long. Nothing is yielded between: on a busy machine that costs whole slices of time,
+/// Looks at whose turn it is before going to sleep, some tens of microseconds long: to sleep, and to be woken, takes longer than most tasks of little work. Nothing is yielded between: on a busy machine that costs whole slices of time,
 /// where whoever sleeps is woken at once.
-const LOOKS: u32 = 300;
+const LOOKS: u32 = 1000;
 
 const HOST: u32 = 1;
 const WORKER: u32 = 2;
