@@ -555,7 +555,7 @@ mod tests {
 
     #[test]
     fn outlines_are_apart_by_their_mean_distance_and_pieces_count_by_their_length() {
-        let own = |rims: Vec<Rim>| rims.into_iter().map(|r| (Bound::new(), r)).collect::<Vec<_>>();
+        let own = |rims: Vec<Rim>| rims.into_iter().map(|r| (vec![(0, 1.0, Vector3::zeros())], r)).collect::<Vec<_>>();
         assert_eq!(apart(&own(square(0.0)), &square(0.0)), 0.0);
         // Half a piece along, all lie on each other but the ends, which stand out by half a pixel; two sides are a pixel off.
         let off = apart(&own(square(1.0)), &square(0.0));

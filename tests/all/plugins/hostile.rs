@@ -202,8 +202,13 @@ fn a_write_to_what_was_put_out_is_told_with_its_frame(pipes: bool) {
         let (_, report) = hostile.run(strict(), 6, &nodes, &options(1));
         let said: Vec<_> = report.failures.iter().map(|f| (f.frame, f.error.message.as_str())).collect();
         let [(Some(5), message)] = said[..] else { panic!("{count}: {said:?}") };
-        let expected = "plugin `hostile` 1.0.0: expected what `hostile.vector` made at frame 4 to be left as it was put out, found it written to later (SIGSEGV";
-        assert!(message.starts_with(expected), "{count}: {message}");
+        // Large memory may have become the output of another node by then.
+        let owner = if count > 3 { "hostile." } else { "hostile.vector` made at frame 4" };
+        let found = "to be left as it was put out, found it written to later (SIGSEGV";
+        assert!(
+            message.starts_with(&format!("plugin `hostile` 1.0.0: expected what `{owner}")) && message.contains(found),
+            "{count}: {message}"
+        );
     }
     // What is written behind a large array reaches what is not there, or is seen.
     let nodes =
@@ -235,7 +240,7 @@ fn failures_have_codes_of_their_own(pipes: bool) {
         hostile.shot.graph(1, &format!("{node}, \"out\": (type: \"io.write_value\", value: \"@h\", path: \"$out/f.npz\"),"));
         let (graph, out) = (hostile.shot.path("g.ron"), hostile.shot.path("out"));
         let args = ["run", graph.to_str().unwrap(), "--out", out.to_str().unwrap(), "--no-cache", "--progress", "none", "--plugins"];
-        let more = ["--plugin-timeout", "1", "--plugin-memory", "128M"];
+        let more = ["--plugin-timeout", "1", "--plugin-memory", "128MB"];
         let ran = cli_in(&isolation, &[&args[..], &[hostile.manifest.to_str().unwrap()], &more].concat());
         assert!(ran.code == 1 && ran.err.starts_with(&format!("error[{code}]: node `h` failed")), "{way}: {}", ran.err);
     }

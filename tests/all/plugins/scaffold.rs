@@ -25,7 +25,7 @@ fn a_new_plugin_in_c_or_c_plus_plus_builds_and_passes() {
         let ran = cli(&["plugin", "new", plugin.to_str().unwrap(), "--lang", language]);
         assert_eq!(ran.code, 0, "{}", ran.err);
         let said = run(&plugin, "make", &["check", &format!("PEGBAR={PEGBAR}")]);
-        assert!(said.contains("15 checks: 15 passed, 0 failed, 0 not tried"), "{said}");
+        assert!(said.contains("16 checks: 16 passed, 0 failed, 0 not tried"), "{said}");
         run(&plugin, PEGBAR, &["run", "bright.ron", "--no-cache"]);
         assert!(plugin.join("out/bright.0002.png").exists());
         let readme = std::fs::read_to_string(plugin.join("README.md")).unwrap();
@@ -64,7 +64,7 @@ fn new_nodes_in_rust_build_and_pass() {
     std::fs::copy(target.join("debug").join(library_name("grain")), &library).unwrap();
     run(&plugin, PEGBAR, &["plugin", "manifest", library.to_str().unwrap()]);
     let said = run(&plugin, PEGBAR, &["plugin", "check", library.to_str().unwrap()]);
-    assert!(said.contains("27 checks: 27 passed, 0 failed, 0 not tried"), "{said}");
+    assert!(said.contains("29 checks: 29 passed, 0 failed, 0 not tried"), "{said}");
     run(&plugin, PEGBAR, &["run", "grain.ron", "--no-cache"]);
     assert!(plugin.join("out/grain.0001.png").exists());
 }
