@@ -67,7 +67,7 @@ fn read(folder: &Path) -> Option<Scene> {
 }
 
 fn style(lines: bool, threads: usize) -> Style<'static> {
-    let pen = Pen { outline: 3.0, inner: 1.5, taper: 6.0, thin_far: 0.0, weight: 0.0, colour: [0.0, 0.0, 0.0, 1.0] };
+    let pen = Pen { outline: 3.0, inner: 1.5, taper: 6.0, thin_far: 0.0, weight: 0.0, bias: 0.003, colour: [0.0, 0.0, 0.0, 1.0] };
     let shades = [0.25_f32, 0.5, 0.75].map(|k| [k; 3]).to_vec();
     Style {
         paint: Paint { base: vec![[0.9, 0.6, 0.35]], ..Paint::default() },

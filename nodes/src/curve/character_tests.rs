@@ -120,7 +120,7 @@ fn outlines(mesh: &Mesh, camera: &AlgoCamera) -> Vec<Line> {
 /// The mesh in ink on white paper, and its exact coverage.
 fn drawn(mesh: &Mesh, camera: &AlgoCamera) -> (Image, Image) {
     let surface = || Surface::new(&[Part { positions: &mesh.positions, triangles: &mesh.triangles, normals: &[] }], 1.0).unwrap();
-    let pen = Pen { outline: 2.0, inner: 0.0, taper: 0.0, thin_far: 0.0, weight: 0.0, colour: [0.0, 0.0, 0.0, 1.0] };
+    let pen = Pen { outline: 2.0, inner: 0.0, taper: 0.0, thin_far: 0.0, weight: 0.0, bias: 0.003, colour: [0.0, 0.0, 0.0, 1.0] };
     let light = Light { direction: Vector3::y(), thresholds: vec![], shades: vec![[1.0; 3]], highlight: None };
     let lines = Lines { crease: None, seams: false, ..Lines::default() };
     let style = Style {

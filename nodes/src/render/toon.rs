@@ -126,6 +126,10 @@ pub(crate) struct RenderToon {
     /// How much wider lines are where the surface faces away from the light: 1 doubles them, 0 leaves them.
     #[input(default = 0.0, range = 0.0..=10.0)]
     shadow_weight: f64,
+    /// How deep a line may lie under what is before it and still be drawn, as a part of the whole's extent: eyes and mouths that lie on a head, or are sunk
+    /// into it, keep their outlines. 0 draws what is seen alone.
+    #[input(default = 0.005, range = 0.0..=0.1)]
+    line_bias: f64,
     /// How far a mesh may lie inside of the smooth surface that it stands for before it is made finer at its silhouettes. 0 draws it as it is.
     #[input(default = 0.25, range = 0.0..=100.0, unit = "px")]
     round: f64,
@@ -149,6 +153,7 @@ impl RenderToon {
         within("taper", self.taper, 0.0, 10000.0)?;
         within("thin_far", self.thin_far, 0.0, 4.0)?;
         within("shadow_weight", self.shadow_weight, 0.0, 10.0)?;
+        within("line_bias", self.line_bias, 0.0, 0.1)?;
         within("round", self.round, 0.0, 100.0)?;
         Ok(())
     }
@@ -222,6 +227,7 @@ impl RenderToon {
             taper: self.taper,
             thin_far: self.thin_far,
             weight: self.shadow_weight,
+            bias: self.line_bias,
             colour,
         };
         ((outlines || inner) && self.ink_opacity > 0.0).then_some((lines, pen))

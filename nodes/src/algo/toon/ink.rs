@@ -31,6 +31,8 @@ pub struct Pen {
     pub thin_far: f64,
     /// How much wider lines are where the surface faces away from the light: 1 doubles them.
     pub weight: f64,
+    /// How deep a line may lie under what is before it and still be drawn, as a part of the surface's extent.
+    pub bias: f64,
     /// Linear, premultiplied.
     pub colour: [f32; 4],
 }
@@ -142,7 +144,11 @@ impl Plotter<'_> {
 
     /// The shares of the way from one point of a chain to the next that something hides.
     fn hidden_of(&self, a: Sample, b: Sample) -> Vec<[f64; 2]> {
-        self.hidden.on_surface([a.edge, b.edge], [a, b].map(|s| ([s.at.x, s.at.y], s.near)), self.sight.least)
+        self.hidden.on_surface(
+            [a.edge, b.edge],
+            [a, b].map(|s| ([s.at.x, s.at.y], s.near)),
+            self.sight.least.max(1e3 * self.sight.small * self.pen.bias),
+        )
     }
 
     /// Whether a sample is seen, and if not, what the depth buffer says of why.

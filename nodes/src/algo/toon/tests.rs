@@ -32,7 +32,7 @@ fn style() -> Style<'static> {
     Style { paint, light, lines: None, round: None, antialias: true, threads: 1 }
 }
 
-const INK: Pen = Pen { outline: 3.0, inner: 2.0, taper: 6.0, thin_far: 0.5, weight: 0.3, colour: [0.0, 0.0, 0.0, 1.0] };
+const INK: Pen = Pen { outline: 3.0, inner: 2.0, taper: 6.0, thin_far: 0.5, weight: 0.3, bias: 0.003, colour: [0.0, 0.0, 0.0, 1.0] };
 
 fn alpha(render: &Render) -> Vec<f32> {
     render.image.chunks_exact(4).map(|p| p[3]).collect()
