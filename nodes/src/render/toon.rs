@@ -128,7 +128,7 @@ pub(crate) struct RenderToon {
     shadow_weight: f64,
     /// How deep a line may lie under what is before it and still be drawn, as a part of the whole's extent: eyes and mouths that lie on a head, or are sunk
     /// into it, keep their outlines. 0 draws what is seen alone.
-    #[input(default = 0.005, range = 0.0..=0.1)]
+    #[input(default = 0.005, range = 0.0..=1.0)]
     line_bias: f64,
     /// How far a mesh may lie inside of the smooth surface that it stands for before it is made finer at its silhouettes. 0 draws it as it is.
     #[input(default = 0.25, range = 0.0..=100.0, unit = "px")]
@@ -153,7 +153,7 @@ impl RenderToon {
         within("taper", self.taper, 0.0, 10000.0)?;
         within("thin_far", self.thin_far, 0.0, 4.0)?;
         within("shadow_weight", self.shadow_weight, 0.0, 10.0)?;
-        within("line_bias", self.line_bias, 0.0, 0.1)?;
+        within("line_bias", self.line_bias, 0.0, 1.0)?;
         within("round", self.round, 0.0, 100.0)?;
         Ok(())
     }
