@@ -37,7 +37,7 @@ pub(crate) enum Precision {
 #[derive(Node)]
 #[node(
     id = "skin.linear_blend",
-    version = 1,
+    version = 2,
     kind = recurrent,
     outputs = SkinLinearBlendOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, eq. 1",
