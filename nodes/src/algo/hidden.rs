@@ -3,6 +3,8 @@
 //! **Source** Appel, *The notion of quantitative invisibility and the machine rendering of solids*, 1967: lines against faces. Over the picture nearness runs
 //! evenly along lines and triangles, so that the part of a line behind a triangle is an interval with a closed form.
 
+use nalgebra::Vector3;
+
 use super::camera::Camera;
 use super::surface::Surface;
 use super::zbuffer::{Projected, ScreenTriangle};
@@ -24,6 +26,7 @@ pub type Spot = ([f64; 2], f64);
 pub struct Hidden<'a> {
     surface: &'a Surface,
     camera: &'a Camera,
+    toward: Box<dyn Fn(&Vector3<f64>) -> Vector3<f64>>,
     projected: &'a Projected,
     columns: usize,
     rows: usize,
@@ -36,7 +39,8 @@ impl<'a> Hidden<'a> {
     /// Of a surface as a camera sees it, and its triangles there. Cost: O(triangles + cells that they touch).
     pub fn new(surface: &'a Surface, camera: &'a Camera, projected: &'a Projected) -> Self {
         let [columns, rows] = camera.size.map(|n| (n as f64 / CELL).ceil().max(1.0) as usize);
-        let mut out = Self { surface, camera, projected, columns, rows, starts: vec![0; columns * rows + 1], of: Vec::new() };
+        let (toward, starts) = (Box::new(camera.toward()), vec![0; columns * rows + 1]);
+        let mut out = Self { surface, camera, toward, projected, columns, rows, starts, of: Vec::new() };
         let cells: Vec<[[usize; 2]; 2]> = out.projected.triangles.iter().map(|t| out.cells(t)).collect();
         let each = |[x, y]: &[[usize; 2]; 2], visit: &mut dyn FnMut(usize)| {
             (y[0]..y[1]).for_each(|row| (x[0]..x[1]).for_each(|column| visit(row * columns + column)));
@@ -74,7 +78,7 @@ impl<'a> Hidden<'a> {
         }
         let at = |v: u32| self.surface.positions[v as usize];
         let size = (0..4).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| (at(ends[i]) - at(ends[j])).norm()).fold(0.0, f64::max);
-        let toward = self.camera.toward()(&at(ends[0]));
+        let toward = (self.toward)(&at(ends[0]));
         let edge_on = |t: usize| {
             let normal = self.surface.area_vector(t);
             normal.dot(&toward).abs() < EDGE_ON * normal.norm() * toward.norm()
@@ -86,7 +90,8 @@ impl<'a> Hidden<'a> {
     /// triangle of the surface must be nearer to do so, scene units; `None` for never. Cost: O(triangles in the cells that it crosses).
     pub fn along(&self, [from, to]: [Spot; 2], slack: impl Fn(usize) -> Option<f64>) -> Vec<[f64; 2]> {
         let mut near = Vec::new();
-        for row in 0..self.rows {
+        let [top, bottom] = span([from.0[1].min(to.0[1]), from.0[1].max(to.0[1])], self.rows);
+        for row in top..bottom {
             let Some([low, high]) = within([from.0[1], to.0[1]], [row as f64 * CELL, (row + 1) as f64 * CELL]) else { continue };
             let [a, b] = [low, high].map(|t| from.0[0] + (to.0[0] - from.0[0]) * t);
             let [first, end] = span([a.min(b), a.max(b)], self.columns);
@@ -100,7 +105,11 @@ impl<'a> Hidden<'a> {
         let length = (to.0[0] - from.0[0]).hypot(to.0[1] - from.0[1]);
         // A speck on the side that two triangles share is behind both, a line along it behind neither.
         let least = if length < SPECK { -TOUCH } else { TOUCH };
+        let farther = from.1.min(to.1);
         let part = |t: &ScreenTriangle| {
+            if t.near.iter().all(|near| *near <= farther) {
+                return None;
+            }
             let slack = slack(t.source as usize)?;
             behind(t, [from.0, to.0], [from, to].map(|(_, near)| near + slack * self.camera.slope(near)), least)
         };
