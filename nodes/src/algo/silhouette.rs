@@ -4,7 +4,8 @@
 //! corners, and its zero set is followed: Hertzmann and Zorin, *Illustrating smooth surfaces*, SIGGRAPH 2000, section 4.1. Its points lie on
 //! edges, where the correspondences of Li, Gleicher, Xu and Shum, *Stylizing Motion with Drawings*, 2003, section 3.2 want them. At a hard edge g
 //! differs on both sides; the boundary of what faces the eye then runs along the edge wherever one side faces it and the other does not, so
-//! that silhouettes of closed surfaces are closed.
+//! that silhouettes of closed surfaces are closed. At an edge where three or more triangles meet, a silhouette runs where the eye sees all of them on one
+//! side.
 
 use nalgebra::Vector3;
 
@@ -106,6 +107,8 @@ pub fn chains(
 /// them the joined vertices.
 struct Finder<'a> {
     surface: &'a Surface,
+    /// Toward the eye, at each vertex.
+    sight: Vec<Vector3<f64>>,
     /// Of the surface as it lies.
     normals: Vec<Vector3<f64>>,
     /// g at each corner.
@@ -121,7 +124,7 @@ impl<'a> Finder<'a> {
         let normals: Vec<Vector3<f64>> = surface.shape_normals().into_iter().map(unit).collect();
         let g = |t: usize, k: usize| normals[surface.normal_of[t][k] as usize].dot(&sight[surface.triangles[t][k] as usize]);
         let facing = (0..surface.triangles.len()).map(|t| [0, 1, 2].map(|k| g(t, k))).collect();
-        let mut finder = Self { surface, facing, normals, node: (0..3 * surface.triangles.len() as u32).collect() };
+        let mut finder = Self { surface, sight, facing, normals, node: (0..3 * surface.triangles.len() as u32).collect() };
         for e in &surface.edges {
             if finder.is_smooth(e) {
                 let [up, down] = e.sides;
@@ -179,7 +182,22 @@ impl<'a> Finder<'a> {
         for e in self.surface.edges.iter().filter(|e| !e.sides.contains(&NONE) && !self.is_smooth(e)) {
             self.along_hard(e, &mut links);
         }
+        let clashes = self.surface.edges.chunk_by(|a, b| a.ends == b.ends).filter(|same| same.len() > 1);
+        links.extend(clashes.filter(|same| self.is_fold(same)).map(|same| same[0].ends.map(|v| self.vertex_node(v))));
         links
+    }
+
+    /// True where all triangles that meet in an edge without a neighbour across lie on the same side of it, as the eye sees it.
+    fn is_fold(&self, same: &[Edge]) -> bool {
+        let surface = self.surface;
+        let [a, b] = same[0].ends.map(|v| surface.first[v as usize] as usize);
+        let across = (surface.positions[b] - surface.positions[a]).cross(&self.sight[a]);
+        let side = |half: &u32| {
+            let opposite = surface.triangles[*half as usize / 3][(*half as usize + 2) % 3];
+            across.dot(&(surface.positions[opposite as usize] - surface.positions[a]))
+        };
+        let sides = || same.iter().flat_map(|e| &e.sides).filter(|h| **h != NONE).map(side);
+        sides().all(|s| s >= 0.0) || sides().all(|s| s <= 0.0)
     }
 
     /// The pieces of a hard edge whose one side faces the eye while the other does not.

@@ -121,7 +121,7 @@ pub struct Sight<'a> {
     orthographic: bool,
     /// A thousandth of the surface's extent.
     pub small: f64,
-    /// By how much one thing must be nearer to hide another: a hundred-thousandth of the extent.
+    /// By how much one thing must be nearer to hide another: a millionth of the extent.
     pub least: f64,
     /// Depth of the surface's middle.
     pub middle: f64,
@@ -142,7 +142,7 @@ impl<'a> Sight<'a> {
             depth: camera.depth_of_clip(),
             orthographic: camera.is_orthographic(),
             small: extent * 1e-3,
-            least: extent * 1e-5,
+            least: extent * 1e-6,
             middle: middle.max(extent * 1e-3),
         }
     }

@@ -30,7 +30,7 @@ use crate::render::{limited, seen_by};
 #[derive(Node)]
 #[node(
     id = "mesh.silhouette",
-    version = 2,
+    version = 3,
     kind = recurrent,
     outputs = MeshSilhouetteOutputs,
     source = "Li, Gleicher, Xu, Shum 2003, section 3.2; Hertzmann, Zorin 2000",
