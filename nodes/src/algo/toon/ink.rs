@@ -12,8 +12,11 @@ use crate::algo::visibility::{Seen, Sight};
 /// Between two samples of a line, pixels.
 const STEP: f64 = 1.0;
 
-/// Gaps shorter than this many pixels, and pieces shorter than so many widths of the pen, are specks to the eye.
-const SPECK: f64 = 2.0;
+/// Gaps shorter than this many pixels are specks to the eye.
+const GAP: f64 = 2.0;
+
+/// Pieces shorter than so many widths of the pen are dots, not lines.
+const DOT: f64 = 3.0;
 
 /// Longer chains than this many samples are cut short: a point next to the eye may be a million pixels away.
 const MOST: usize = 1 << 16;
@@ -162,9 +165,14 @@ impl Plotter<'_> {
         }
     }
 
+    /// True next to nothing at all: the outermost outline neither thins out nor has dots to lose.
+    fn is_rim(&self, s: &Sample) -> bool {
+        self.sight.is_outline([s.at.x, s.at.y])
+    }
+
     /// Cuts a line into its visible runs and makes strokes of them. A closed one repeats its first sample at its end.
     fn cut(&self, mut line: Vec<Sample>, closed: bool, kind: Kind, out: &mut Vec<Stroke>) {
-        settle(&mut line);
+        settle(&mut line, |s| self.is_rim(s));
         if line.iter().all(|s| s.seen == Seen::Yes) {
             return self.stroke(&line, closed, [true; 2], kind, out);
         }
@@ -184,7 +192,8 @@ impl Plotter<'_> {
                 None
             };
             let after = if to < line.len() || !closed { line.get(to) } else { line.first() };
-            let lifted = [before, after].map(|s| s.is_none_or(|s| s.seen != Seen::Covered));
+            let lifted = [(before, from), (after, to - 1)]
+                .map(|(beyond, end)| beyond.is_none_or(|s| s.seen != Seen::Covered) && !self.is_rim(&line[end]));
             self.stroke(&line[from..to], false, lifted, kind, out);
             start = to;
         }
@@ -202,6 +211,9 @@ impl Plotter<'_> {
         }
         let lengths = along(&points);
         let total = lengths.last().copied().unwrap_or(0.0);
+        if kind == Kind::Silhouette && total < DOT * points[0].width && !points.iter().any(|s| self.is_rim(s)) {
+            return;
+        }
         let taper = self.pen.taper.min(total / 2.0);
         let rise = |distance: f64| if taper > 0.0 { (distance / taper).clamp(0.0, 1.0).sqrt() } else { 1.0 };
         let ends =
@@ -232,8 +244,8 @@ fn mark_corners(line: &mut [Sample], closed: bool) {
     }
 }
 
-/// Closes gaps that are too short to be real, then drops pieces that are.
-fn settle(line: &mut [Sample]) {
+/// Closes gaps that are too short to be real, then drops pieces that are, but for those on the rim.
+fn settle(line: &mut [Sample], is_rim: impl Fn(&Sample) -> bool) {
     for wanted in [Seen::Yes, Seen::Turned] {
         let mut start = 0;
         while start < line.len() {
@@ -241,8 +253,8 @@ fn settle(line: &mut [Sample]) {
             let end = line[start..].iter().position(|s| (s.seen == Seen::Yes) != here).map_or(line.len(), |i| i + start);
             let length: f64 = line[start..end].windows(2).map(|p| p[0].at.distance(p[1].at)).sum();
             let inside = start > 0 && end < line.len();
-            let least = if here { SPECK.max(SPECK * line[start].width) } else { SPECK };
-            if here != (wanted == Seen::Yes) && inside && length < least {
+            let least = if here { GAP.max(DOT * line[start].width) } else { GAP };
+            if here != (wanted == Seen::Yes) && inside && length < least && !(here && line[start..end].iter().any(&is_rim)) {
                 line[start..end].iter_mut().for_each(|s| s.seen = if here { Seen::Covered } else { Seen::Yes });
             }
             start = end;
