@@ -15,6 +15,7 @@ mod lock;
 mod manifest;
 mod operator;
 mod settings;
+mod shown;
 mod suite;
 mod worker;
 

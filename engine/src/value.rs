@@ -74,15 +74,13 @@ impl OwnedParts {
     /// # Errors
     /// Where there is none of that name.
     pub fn take(&mut self, name: &str) -> Result<Array, ValueError> {
-        match self.arrays.iter().position(|(n, _)| n == name) {
-            Some(i) => Ok(self.arrays.swap_remove(i).1),
-            None => Err(ValueError::MissingArray { name: name.to_owned(), present: self.names() }),
-        }
+        self.take_optional(name).ok_or_else(|| ValueError::MissingArray { name: name.to_owned(), present: self.names() })
     }
 
     /// Takes the array `name` out; `None` where there is none.
     pub fn take_optional(&mut self, name: &str) -> Option<Array> {
-        self.take(name).ok()
+        let at = self.arrays.iter().position(|(n, _)| n == name)?;
+        Some(self.arrays.swap_remove(at).1)
     }
 
     fn names(&self) -> String {

@@ -24,6 +24,12 @@ impl AnyValue for Dynamic {
         let arrays = self.schema.arrays.iter().zip(&self.arrays).map(|(schema, array)| (schema.name, array.view()));
         Parts { arrays: arrays.collect::<Vec<(&'static str, ArrayView<'_>)>>(), meta: self.meta.clone() }
     }
+    fn nth_array(&self, at: usize) -> Option<(&'static str, ArrayView<'_>)> {
+        self.schema.arrays.get(at).zip(self.arrays.get(at)).map(|(schema, array)| (schema.name, array.view()))
+    }
+    fn meta(&self) -> Meta {
+        self.meta.clone()
+    }
     fn size(&self) -> usize {
         self.arrays.iter().map(|a| a.view().bytes.len()).sum()
     }

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use libloading::Library;
 use pegbar_abi::{ENTRY, PB_ABI_MAJOR, PB_ABI_MINOR, PbPlugin, PbPluginEntry, PbTask};
@@ -11,7 +11,8 @@ use pegbar_abi::{ENTRY, PB_ABI_MAJOR, PB_ABI_MINOR, PbPlugin, PbPluginEntry, PbT
 use super::PluginError;
 use super::call::{Request, Response, Settings, Transport};
 use super::manifest::{Description, Manifest, Threads};
-use super::suite::{Call, host, read_text, show_settings, size};
+use super::shown::{show_settings, size};
+use super::suite::{Call, host, read_text};
 use crate::node::NodeError;
 
 /// The functions of a loaded library, which stays loaded.
@@ -166,7 +167,7 @@ impl InProcess {
         let call = Call::new(request, &self.name);
         // SAFETY: the instance is one of this plugin's and lives as long as it is lent; the task lives as long as the call; what may not run at once does
         // not, as `Lent` sees to.
-        let status = call.show(|task| unsafe { function(instance.instance(), task) });
+        let status = call.show(|task| unsafe { function(instance.at, task) });
         call.end(status)
     }
 }
@@ -224,13 +225,25 @@ impl Drop for Instance {
 /// What is kept for settings: one instance for all threads, or one for each that runs at once.
 enum Instances {
     One(Instance),
-    Idle(Mutex<Vec<Instance>>),
+    Several(Mutex<Several>),
+}
+
+#[derive(Default)]
+struct Several {
+    all: Vec<Instance>,
+    /// Positions of those that no call has.
+    idle: Vec<usize>,
 }
 
 /// An instance for one call.
-enum Lent<'a> {
-    Shared(&'a Instance),
-    Own { instance: Option<Instance>, home: &'a Mutex<Vec<Instance>> },
+struct Lent<'a> {
+    at: *mut u8,
+    /// Where it goes back to, and its position there.
+    home: Option<(&'a Mutex<Several>, usize)>,
+}
+
+fn locked(several: &Mutex<Several>) -> MutexGuard<'_, Several> {
+    several.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<'a> Lent<'a> {
@@ -240,7 +253,7 @@ impl<'a> Lent<'a> {
             Some(kept) => kept,
             None => {
                 let made = match loaded.threads {
-                    Threads::Instance => Instances::Idle(Mutex::default()),
+                    Threads::Instance => Instances::Several(Mutex::default()),
                     Threads::Any | Threads::One => Instances::One(Instance::new(loaded, request, name)?),
                 };
                 // Of two that were made at once the later is ended again, at once but for a plugin that takes turns, where no other can be.
@@ -248,28 +261,27 @@ impl<'a> Lent<'a> {
                 kept.downcast_ref::<Instances>().ok_or_else(|| NodeError::internal("what is kept for settings is another transport's"))?
             }
         };
-        match kept {
-            Instances::One(instance) => Ok(Self::Shared(instance)),
-            Instances::Idle(home) => {
-                let idle = home.lock().unwrap_or_else(PoisonError::into_inner).pop();
-                let instance = idle.map_or_else(|| Instance::new(loaded, request, name), Ok)?;
-                Ok(Self::Own { instance: Some(instance), home })
-            }
+        let home = match kept {
+            Instances::One(instance) => return Ok(Self { at: instance.at, home: None }),
+            Instances::Several(home) => home,
+        };
+        let mut several = locked(home);
+        if let Some(position) = several.idle.pop() {
+            return Ok(Self { at: several.all[position].at, home: Some((home, position)) });
         }
-    }
-
-    fn instance(&self) -> *mut u8 {
-        match self {
-            Self::Shared(instance) => instance.at,
-            Self::Own { instance, .. } => instance.as_ref().map_or(std::ptr::null_mut(), |i| i.at),
-        }
+        drop(several);
+        let made = Instance::new(loaded, request, name)?;
+        let at = made.at;
+        let mut several = locked(home);
+        several.all.push(made);
+        Ok(Self { at, home: Some((home, several.all.len() - 1)) })
     }
 }
 
 impl Drop for Lent<'_> {
     fn drop(&mut self) {
-        if let Self::Own { instance, home } = self {
-            home.lock().unwrap_or_else(PoisonError::into_inner).extend(instance.take());
+        if let Some((home, position)) = self.home {
+            locked(home).idle.push(position);
         }
     }
 }

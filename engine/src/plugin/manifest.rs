@@ -1,8 +1,8 @@
 //! What a plugin says of itself: as text in the manifest beside its library, and in the same words out of the library.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{LazyLock, Mutex, PoisonError};
 
 use ron::ser::PrettyConfig;
 use serde::{Deserialize, Serialize};
@@ -236,7 +236,7 @@ fn is_frame(access: &Access) -> bool {
 
 /// The text as one that lives as long as the process. Each distinct text is kept once, so that reading a manifest again takes no more memory.
 pub(super) fn intern(text: &str) -> &'static str {
-    static TEXTS: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
+    static TEXTS: LazyLock<Mutex<HashSet<&'static str>>> = LazyLock::new(Mutex::default);
     let mut texts = TEXTS.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(known) = texts.get(text) {
         return known;

@@ -95,27 +95,26 @@ impl PluginOperator {
 
     fn port(&self, i: usize, arg: Arg, clock: Option<&Arc<crate::clock::Clock>>, ports: &mut Vec<Port>) -> Result<(), NodeError> {
         let is_setting = matches!(self.schema.inputs[i].ty, InputType::Setting { .. });
-        let feed = match arg {
-            Arg::None => return Ok(()),
-            Arg::Literal(_) if is_setting => return Ok(()),
+        let mut add = |feed, clock: Option<&Arc<crate::clock::Clock>>| ports.push(Port { input: i as u32, feed, clock: clock.cloned() });
+        match arg {
+            Arg::None => {}
+            Arg::Literal(_) if is_setting => {}
             Arg::Literal(literal) => match literal.downcast_ref::<ValueRef>() {
-                Some(value) => Feed::Value(value.clone()),
+                Some(value) => add(Feed::Value(value.clone()), clock),
                 None => return Err(NodeError::internal("a literal of another type")),
             },
             Arg::Value(value) if is_setting => match f64::from_wire(value.as_ref()) {
-                Some(number) => Feed::Number(number),
+                Some(number) => add(Feed::Number(number), clock),
                 None => return Err(NodeError::internal(format!("expected a number, found {}", value.type_name()))),
             },
-            Arg::Value(value) => Feed::Value(value),
-            Arg::Frames(values) => Feed::Frames(values),
+            Arg::Value(value) => add(Feed::Value(value), clock),
+            Arg::Frames(values) => add(Feed::Frames(values), clock),
             Arg::Sequence(values) => {
                 let clock = values.clock.clone();
-                ports.push(Port { input: i as u32, feed: Feed::Sequence(values), clock });
-                return Ok(());
+                add(Feed::Sequence(values), clock.as_ref());
             }
             Arg::List(_) => return Err(NodeError::internal("a list within a list")),
-        };
-        ports.push(Port { input: i as u32, feed, clock: clock.cloned() });
+        }
         Ok(())
     }
 

@@ -1,62 +1,20 @@
-//! The host's side of the border: what a plugin may call, and the rows of structs that it is shown.
+//! The host's side of the border: what a plugin may call, and a call of it.
 #![allow(unsafe_code, reason = "the C ABI of plugins; each block says what it relies on")]
 
 use std::borrow::Cow;
-use std::cell::Cell;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use pegbar_abi::{
     PB_ABI_MAJOR, PB_ABI_MINOR, PB_CANCELLED, PB_F32, PB_F64, PB_FAILED, PB_FAULT_INPUT, PB_FAULT_IO, PB_FAULT_LIMIT, PB_FAULT_NUMERIC,
-    PB_FAULT_PARAMETERS, PB_FAULT_UNSUPPORTED, PB_I64, PB_MAX_RANK, PB_OK, PB_PANICKED, PB_PORT_FRAMES, PB_PORT_NUMBER, PB_PORT_SEQUENCE,
-    PB_PORT_VALUE, PB_TASK_SUITE, PB_U8, PB_U32, PB_VALUE_SUITE, PbArray, PbBlock, PbClock, PbHost, PbPort, PbSetting, PbSettings, PbTask,
-    PbTaskSuite, PbText, PbValue, PbValueSuite,
+    PB_FAULT_PARAMETERS, PB_FAULT_UNSUPPORTED, PB_I64, PB_MAX_RANK, PB_OK, PB_PANICKED, PB_TASK_SUITE, PB_U8, PB_U32, PB_VALUE_SUITE,
+    PbBlock, PbHost, PbTask, PbTaskSuite, PbText, PbValue, PbValueSuite,
 };
 
-use super::call::{Feed, Made, MadeOf, Request, Response, Settings};
+use super::call::{Feed, Made, MadeOf, Request, Response};
+use super::shown::{Held, Shown, hold, release, shown_clock, size};
 use crate::array::{Array, DType, Data};
-use crate::clock::Clock;
 use crate::node::{Fault, Meter, NodeError};
-use crate::value::{Meta, OwnedParts, ValueRef};
-
-thread_local! {
-    static WIDE: Cell<bool> = const { Cell::new(false) };
-}
-
-/// Shows plugins that this thread calls rows of structs that are larger than this version's, as a later one may have.
-pub(super) fn with_wide_rows<R>(work: impl FnOnce() -> R) -> R {
-    struct Narrow;
-    impl Drop for Narrow {
-        fn drop(&mut self) {
-            WIDE.set(false);
-        }
-    }
-    WIDE.set(true);
-    let _narrow = Narrow;
-    work()
-}
-
-/// The same structs, each with two words of nonsense behind it; nothing where rows are as usual.
-fn widened<T: Copy>(rows: &[T]) -> Option<Vec<u64>> {
-    const WORDS: usize = 2;
-    if !WIDE.get() {
-        return None;
-    }
-    let words = size_of::<T>() / 8;
-    let mut wide = vec![u64::from_ne_bytes([0x5a; 8]); rows.len() * (words + WORDS)];
-    for (row, to) in rows.iter().zip(wide.chunks_exact_mut(words + WORDS)) {
-        // SAFETY: the structs of the ABI are whole words, and begin with their size.
-        unsafe {
-            std::ptr::copy_nonoverlapping(std::ptr::from_ref(row).cast::<u64>(), to.as_mut_ptr(), words);
-            to.as_mut_ptr().cast::<u32>().write(size::<T>() + 8 * WORDS as u32);
-        }
-    }
-    Some(wide)
-}
-
-/// The size of a struct as the ABI says it.
-pub(super) const fn size<T>() -> u32 {
-    size_of::<T>() as u32
-}
+use crate::value::{Meta, OwnedParts};
 
 const fn text(text: &str) -> PbText {
     PbText::new(text)
@@ -107,16 +65,6 @@ unsafe extern "C" fn suite(name: PbText, version: u32) -> *const u8 {
         (PB_VALUE_SUITE, 1) => (&raw const VALUES).cast(),
         (PB_TASK_SUITE, 1) => (&raw const TASKS).cast(),
         _ => std::ptr::null(),
-    }
-}
-
-fn dtype_code(dtype: DType) -> u32 {
-    match dtype {
-        DType::F32 => PB_F32,
-        DType::F64 => PB_F64,
-        DType::I64 => PB_I64,
-        DType::U32 => PB_U32,
-        DType::U8 => PB_U8,
     }
 }
 
@@ -200,97 +148,6 @@ unsafe extern "C" fn free(block: *mut PbBlock) {
     drop(unsafe { take(block) });
 }
 
-/// A value as a plugin sees it; the first field is what it gets a pointer to.
-#[repr(C)]
-pub(super) struct Held {
-    seen: PbValue,
-    arrays: Rows<PbArray>,
-    wide: Option<Vec<u64>>,
-    meta: String,
-    value: ValueRef,
-}
-
-/// Rows of which there is mostly one.
-enum Rows<T> {
-    One([T; 1]),
-    More(Vec<T>),
-}
-
-impl<T> std::ops::Deref for Rows<T> {
-    type Target = [T];
-    fn deref(&self) -> &[T] {
-        match self {
-            Self::One(one) => one,
-            Self::More(more) => more,
-        }
-    }
-}
-
-// SAFETY: the pointers lead into the value and the rows beside them, all of which live as long as this does and are never written.
-unsafe impl Send for Held {}
-// SAFETY: as above.
-unsafe impl Sync for Held {}
-
-impl Held {
-    pub(super) fn new(value: ValueRef) -> Arc<Self> {
-        let array = |(name, view): (&'static str, crate::array::ArrayView<'_>)| {
-            let mut shape = [0; PB_MAX_RANK as usize];
-            shape.iter_mut().zip(view.shape.iter()).for_each(|(to, &from)| *to = from as u64);
-            PbArray {
-                struct_size: size::<PbArray>(),
-                dtype: dtype_code(view.dtype),
-                rank: view.shape.len() as u32,
-                reserved: 0,
-                name: text(name),
-                shape,
-                data: view.bytes.as_ptr(),
-                bytes: view.bytes.len() as u64,
-            }
-        };
-        let arrays = match (value.nth_array(0), value.nth_array(1)) {
-            (Some(one), None) => Rows::One([array(one)]),
-            _ => Rows::More((0..).map_while(|at| value.nth_array(at)).map(array).collect()),
-        };
-        let meta = value.meta();
-        let meta = if meta.is_empty() { String::new() } else { serde_json::Value::Object(meta).to_string() };
-        let seen = PbValue {
-            struct_size: size::<PbValue>(),
-            array_count: arrays.len() as u32,
-            arrays: std::ptr::null(),
-            type_name: text(value.type_name()),
-            meta: text(if meta.is_empty() { "{}" } else { &meta }),
-        };
-        let wide = widened(&arrays);
-        let mut held = Arc::new(Self { seen, arrays, wide, meta, value });
-        // From here on they stay where they are.
-        if let Some(held) = Arc::get_mut(&mut held) {
-            held.seen.arrays = held.wide.as_ref().map_or(held.arrays.as_ptr(), |wide| wide.as_ptr().cast());
-        }
-        held
-    }
-
-    fn shown(this: &Arc<Self>) -> *const PbValue {
-        debug_assert_eq!(this.seen.array_count as usize, this.arrays.len());
-        debug_assert!(this.meta.is_empty() || this.seen.meta.size == this.meta.len() as u64);
-        Arc::as_ptr(this).cast()
-    }
-}
-
-unsafe extern "C" fn hold(value: *const PbValue) {
-    if !value.is_null() {
-        // SAFETY: every value that a plugin sees is the first field of a `Held` within an `Arc`, alive while it may be looked at.
-        unsafe { Arc::increment_strong_count(value.cast::<Held>()) };
-    }
-}
-
-unsafe extern "C" fn release(value: *const PbValue) {
-    if !value.is_null() {
-        // SAFETY: as in `hold`; the plugin lets go of what it held or fetched, once each time.
-        unsafe { Arc::decrement_strong_count(value.cast::<Held>()) };
-    }
-}
-
-#[derive(Default)]
 struct Answer {
     /// Ascending by output and position, as most plugins put them out.
     made: Vec<Made>,
@@ -336,7 +193,8 @@ pub(super) struct Call<'a> {
 
 impl<'a> Call<'a> {
     pub(super) fn new(request: &'a Request<'a>, plugin: &'a str) -> Self {
-        Self { request, plugin, answer: Mutex::default(), meter: Meter::current() }
+        let answer = Mutex::new(Answer { made: Vec::new(), needs: Vec::new(), previous: None, error: None });
+        Self { request, plugin, answer, meter: Meter::current() }
     }
 
     fn answer(&self) -> MutexGuard<'_, Answer> {
@@ -351,15 +209,15 @@ impl<'a> Call<'a> {
     /// Shows the plugin the task while `run` calls it.
     pub(super) fn show(&self, run: impl FnOnce(*const PbTask) -> u32) -> u32 {
         let shown = Shown::new(&self.request.ports);
-        let wide = widened(&shown.0.ports);
+        let (port_count, ports) = shown.ports();
         let state = self.request.state.clone().map(Held::new);
         let clock = shown_clock(self.request.clock);
         let task = PbTask {
             struct_size: size::<PbTask>(),
-            port_count: shown.0.ports.len() as u32,
+            port_count,
             frame: self.request.frame,
             clock: &raw const clock,
-            ports: wide.as_ref().map_or(shown.0.ports.as_ptr(), |wide| wide.as_ptr().cast()),
+            ports,
             state: state.as_ref().map_or(std::ptr::null(), Held::shown),
             host: (&raw const *self).cast(),
         };
@@ -414,131 +272,6 @@ impl<'a> Call<'a> {
             None => Cow::Owned(name.into_owned()),
         }
     }
-}
-
-fn shown_clock(clock: &Clock) -> PbClock {
-    PbClock {
-        struct_size: size::<PbClock>(),
-        fps_numerator: clock.fps.0,
-        fps_denominator: clock.fps.1,
-        reserved: 0,
-        first: clock.first,
-        last: clock.last,
-        name: text(&clock.name),
-    }
-}
-
-/// The ports as a plugin sees them, and what their pointers lead to.
-#[derive(Default)]
-struct PortRows {
-    ports: Vec<PbPort>,
-    values: Vec<*const PbValue>,
-    frames: Vec<i64>,
-    clocks: Vec<PbClock>,
-}
-
-thread_local! {
-    /// Empty rows that were used before.
-    static ROWS: Cell<Option<PortRows>> = const { Cell::new(None) };
-}
-
-/// The ports of a task. Holds each of the values in them.
-struct Shown(PortRows);
-
-impl Shown {
-    fn new(from: &[super::call::Port]) -> Self {
-        let each = |feed: &Feed| match feed {
-            Feed::Value(_) => (1, 0),
-            Feed::Frames(list) => (list.len(), list.len()),
-            Feed::Sequence(_) | Feed::Number(_) => (0, 0),
-        };
-        let (values, frames) = from.iter().map(|port| each(&port.feed)).fold((0, 0), |(v, f), (a, b)| (v + a, f + b));
-        let mut rows = ROWS.take().unwrap_or_default();
-        // None of them grows beyond this, so that what is in them stays where it is.
-        rows.ports.reserve(from.len());
-        rows.values.reserve(values);
-        rows.frames.reserve(frames);
-        rows.clocks.reserve(from.len());
-        let mut shown = Self(rows);
-        for port in from {
-            let port = shown.0.port(port);
-            shown.0.ports.push(port);
-        }
-        shown
-    }
-}
-
-impl Drop for Shown {
-    fn drop(&mut self) {
-        /// Longer rows are not kept.
-        const MANY: usize = 256;
-        let mut rows = std::mem::take(&mut self.0);
-        for value in rows.values.drain(..) {
-            // SAFETY: each came of an `Arc`, and is let go of once.
-            unsafe { release(value) };
-        }
-        if rows.values.capacity().max(rows.ports.capacity()) <= MANY {
-            rows.ports.clear();
-            rows.frames.clear();
-            rows.clocks.clear();
-            // A thread that is being taken down keeps none.
-            let _ = ROWS.try_with(|kept| kept.set(Some(rows)));
-        }
-    }
-}
-
-impl PortRows {
-    fn port(&mut self, port: &super::call::Port) -> PbPort {
-        let Self { values, frames, clocks, .. } = self;
-        let mut show = |value: &ValueRef| values.push(Arc::into_raw(Held::new(value.clone())).cast());
-        let (kind, count, number) = match &port.feed {
-            Feed::Value(value) => {
-                show(value);
-                (PB_PORT_VALUE, 1, 0.0)
-            }
-            Feed::Frames(list) => {
-                list.iter().for_each(|(_, value)| show(value));
-                frames.extend(list.iter().map(|(frame, _)| *frame));
-                (PB_PORT_FRAMES, list.len(), 0.0)
-            }
-            Feed::Sequence(values) => (PB_PORT_SEQUENCE, values.len(), 0.0),
-            Feed::Number(number) => (PB_PORT_NUMBER, 0, *number),
-        };
-        let is_frames = kind == PB_PORT_FRAMES;
-        let own = if is_frames || kind == PB_PORT_VALUE { count } else { 0 };
-        let clock = port.clock.as_deref().map(|clock| {
-            clocks.push(shown_clock(clock));
-            std::ptr::from_ref(&clocks[clocks.len() - 1])
-        });
-        PbPort {
-            struct_size: size::<PbPort>(),
-            input: port.input,
-            kind,
-            reserved: 0,
-            count: count as u64,
-            values: values[values.len() - own..].as_ptr(),
-            frames: frames[frames.len() - if is_frames { count } else { 0 }..].as_ptr(),
-            number,
-            clock: clock.unwrap_or(std::ptr::null()),
-        }
-    }
-}
-
-/// Shows the plugin settings while `run` calls it.
-pub(super) fn show_settings<R>(settings: &Settings, run: impl FnOnce(*const PbSettings) -> R) -> R {
-    let one = |(input, data): &(u32, super::settings::SettingData)| PbSetting {
-        struct_size: size::<PbSetting>(),
-        input: *input,
-        ron: text(&data.ron),
-        text: text(&data.text),
-        numbers: data.numbers.as_ptr(),
-        wholes: data.wholes.as_ptr(),
-        count: data.numbers.len() as u64,
-    };
-    let rows: Vec<PbSetting> = settings.items.iter().map(one).collect();
-    let wide = widened(&rows);
-    let settings = wide.as_ref().map_or(rows.as_ptr(), |wide| wide.as_ptr().cast());
-    run(&PbSettings { struct_size: size::<PbSettings>(), count: rows.len() as u32, settings })
 }
 
 /// The call that a task belongs to.
@@ -624,8 +357,8 @@ unsafe extern "C" fn meta(task: *const PbTask, output: u32, index: u64, json: Pb
 unsafe extern "C" fn pass(task: *const PbTask, output: u32, index: u64, value: *const PbValue) -> u32 {
     // SAFETY: the plugin hands over the task that it was shown, and a value that it may look at, which is the first field of a `Held`.
     let (call, value) = unsafe { (call(task), value.cast::<Held>().as_ref()) };
-    let (Some(call), Some(held)) = (call, value) else { return PB_FAILED };
-    *call.answer().made(output, index) = MadeOf::Passed(held.value.clone());
+    let (Some(call), Some(value)) = (call, value.and_then(Held::value)) else { return PB_FAILED };
+    *call.answer().made(output, index) = MadeOf::Passed(value.clone());
     PB_OK
 }
 
@@ -637,7 +370,7 @@ unsafe extern "C" fn fetch(task: *const PbTask, port: u32, index: u64) -> *const
         return std::ptr::null();
     };
     match values.get(usize::try_from(index).unwrap_or(usize::MAX)) {
-        Ok(value) => Arc::into_raw(Held::new(value)).cast(),
+        Ok(value) => Held::lent(Held::new(value)),
         Err(error) => {
             call.answer().error.get_or_insert(error);
             std::ptr::null()

@@ -10,7 +10,7 @@ use super::probe::{Setup, Subject, answered, clock};
 use super::{Checked, Stop};
 use crate::node::{self, Arg, Cancel, Computed, Context, InputType, NodeError, OutValue};
 use crate::plugin::operator::REMEMBERED;
-use crate::plugin::suite::with_wide_rows;
+use crate::plugin::shown::with_wide_rows;
 use crate::value::{self, ValueRef};
 
 /// Threads that call at once.

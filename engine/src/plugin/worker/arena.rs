@@ -223,6 +223,41 @@ pub(super) fn copy(bytes: &[u8]) -> Option<(Arc<dyn Bytes>, u64)> {
     Some((Arc::new(block), offset))
 }
 
+/// A block into which small arrays are copied, one behind the other.
+#[derive(Default)]
+pub(super) struct Packed {
+    block: Option<Arc<Block>>,
+    used: usize,
+}
+
+impl Packed {
+    /// Where an array begins.
+    const ALIGNED: usize = 64;
+
+    /// Copies bytes, of which there are fewer than a block has: what holds them, and where they lie. `None` where there is no more memory.
+    pub(super) fn copy(&mut self, bytes: &[u8]) -> Option<(Arc<dyn Bytes>, u64)> {
+        let block = match self.block.take() {
+            // Nobody looks at what lies there any longer.
+            Some(block) if Arc::strong_count(&block) == 1 => {
+                self.used = 0;
+                block
+            }
+            Some(block) if bytes.len() <= SMALLEST - self.used => block,
+            // Whoever holds the last one lets it go.
+            _ => {
+                self.used = 0;
+                Arc::new(block(SMALLEST, false)?)
+            }
+        };
+        let at = block.at + self.used;
+        // SAFETY: there is room behind what others look at, and nobody else writes there.
+        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), at as *mut u8, bytes.len()) };
+        self.used = (self.used + bytes.len()).next_multiple_of(Self::ALIGNED);
+        let offset = offset(at as *const u8, bytes.len())?;
+        Some((self.block.insert(block).clone(), offset))
+    }
+}
+
 /// Memory of noughts for an array that a worker writes, and where it lies.
 pub(super) fn output(dtype: DType, count: usize) -> Option<(Data, u64)> {
     let bytes = count.checked_mul(dtype.size())?;

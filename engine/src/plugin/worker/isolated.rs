@@ -152,11 +152,12 @@ impl Isolated {
 
     /// Runs a task in a worker.
     fn task(&self, process: &mut Process, what: u32, request: &Request) -> Result<Result<Response, NodeError>, End> {
-        let mut message = Writer::default();
+        // Both are kept from task to task.
+        let (mut message, mut answer) = std::mem::take(&mut process.buffers);
+        message.clear();
         process.task = process.task.wrapping_add(1).max(1);
         self.write_task(process, what, request, &mut message);
         let mut patience = Patience::new(&self.workers, request.cancel, process);
-        let mut answer = Vec::new();
         loop {
             process.exchange(&message, &mut answer, &mut patience)?;
             patience.renew();
@@ -165,6 +166,7 @@ impl Isolated {
             match from.u32() {
                 Some(DONE | FAILED) => {
                     let result = read_end(process, &answer, &mut patience)?.ok_or(End::Garbage)?;
+                    process.buffers = (message, answer);
                     return Ok(result);
                 }
                 #[cfg(target_os = "linux")]
@@ -381,7 +383,7 @@ fn write_port(process: &mut Process, port: &Port, place: u32, to: &mut Writer) {
     }
 }
 
-/// Lends a value: what lies in the memory that is shared is told of, what is large is copied there, and what is small goes along.
+/// Lends a value: what lies in the memory that is shared is told of, and what does not is copied there.
 fn write_value(process: &mut Process, value: &ValueRef, to: &mut Writer) {
     let id = process.next;
     process.next += 1;
@@ -410,16 +412,16 @@ fn write_value(process: &mut Process, value: &ValueRef, to: &mut Writer) {
             return;
         }
         #[cfg(target_os = "linux")]
-        write_shared(view.bytes, to, &mut copies);
+        write_shared(view.bytes, to, &mut process.small, &mut copies);
     });
     process.lent.insert(id, Loan { value: value.clone(), _copies: copies });
 }
 
-/// Bytes that lie in the memory that is shared, or are copied there, or go along where they are few.
+/// Bytes that lie in the memory that is shared, or are copied there, or go along where there is none left.
 #[cfg(target_os = "linux")]
-fn write_shared(bytes: &[u8], to: &mut Writer, copies: &mut Vec<Arc<dyn crate::array::Bytes>>) {
+fn write_shared(bytes: &[u8], to: &mut Writer, small: &mut arena::Packed, copies: &mut Vec<Arc<dyn crate::array::Bytes>>) {
     let there = arena::offset(bytes.as_ptr(), bytes.len()).or_else(|| {
-        let (copy, at) = (bytes.len() >= LARGE).then(|| arena::copy(bytes)).flatten()?;
+        let (copy, at) = if bytes.len() < LARGE { small.copy(bytes) } else { arena::copy(bytes) }?;
         copies.push(copy);
         Some(at)
     });
@@ -468,8 +470,6 @@ fn read_end(process: &mut Process, answer: &[u8], patience: &mut Patience) -> Re
     let read = (|| {
         let mut from = Reader(answer);
         let is_done = from.u32()? == DONE;
-        let released = from.list(Reader::u64)?;
-        let freed = from.list(Reader::u64)?;
         let mut left = patience.most();
         let mut fill = |process: &Process, dtype: DType, bytes: usize| {
             // A worker can put out no more than it may have.
@@ -478,6 +478,7 @@ fn read_end(process: &mut Process, answer: &[u8], patience: &mut Patience) -> Re
             process.read(elements(&mut data), patience).map_err(|e| end = Some(e)).ok().map(|()| data)
         };
         let result = if is_done { Ok(read_response(process, &mut from, &mut fill)?) } else { Err(message::read_error(&mut from)?) };
+        let (released, freed) = (from.list(Reader::u64)?, from.list(Reader::u64)?);
         released.iter().for_each(|id| drop(process.lent.remove(id)));
         freed.iter().for_each(|at| drop(process.blocks.remove(at)));
         Some(result)

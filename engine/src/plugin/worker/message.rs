@@ -40,7 +40,7 @@ pub(super) const ALONG: u32 = 2;
 pub(super) const PARTS: u32 = 0;
 pub(super) const PASSED: u32 = 1;
 
-/// Arrays below this go in messages.
+/// Arrays below this are packed with others, or go in messages.
 pub(super) const LARGE: usize = 1 << 16;
 
 pub(super) fn write_dtype(to: &mut Writer, dtype: DType) {

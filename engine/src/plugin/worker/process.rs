@@ -109,8 +109,13 @@ pub(super) struct Process {
     /// What it may still be looking at, by number.
     pub(super) lent: BTreeMap<u64, Loan>,
     pub(super) next: u64,
+    /// Copies of small arrays among that.
+    #[cfg(target_os = "linux")]
+    pub(super) small: super::arena::Packed,
     /// Memory that it has for outputs, by where it lies.
     pub(super) blocks: BTreeMap<u64, Data>,
+    /// For messages and answers.
+    pub(super) buffers: (Writer, Vec<u8>),
 }
 
 impl Process {
@@ -138,8 +143,21 @@ impl Process {
             watch.wait(&mut child);
         })?;
         let watch = from.recv().unwrap_or_else(|_| Err(std::io::Error::other("the thread that starts it ended")))?;
-        let (settings, lent, blocks) = Default::default();
-        Ok(Self { link, watch, thread: Some(thread), tasks: 0, task: 0, settings, lent, next: 0, blocks })
+        let (settings, lent, blocks, buffers) = Default::default();
+        Ok(Self {
+            link,
+            watch,
+            thread: Some(thread),
+            tasks: 0,
+            task: 0,
+            settings,
+            lent,
+            next: 0,
+            #[cfg(target_os = "linux")]
+            small: super::arena::Packed::default(),
+            blocks,
+            buffers,
+        })
     }
 
     pub(super) fn is_alive(&self) -> bool {

@@ -6,6 +6,8 @@ mod linux;
 use std::sync::atomic::{AtomicI64, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 
 #[cfg(target_os = "linux")]
+pub(super) use linux::forget_errors;
+#[cfg(target_os = "linux")]
 pub(super) use linux::give_up;
 #[cfg(target_os = "linux")]
 use linux::{data_of_process, end_with_parent};
@@ -92,6 +94,7 @@ pub(super) fn forget_inputs() {
 }
 
 /// Before a task: what the system refuses from here on, it refuses this.
+#[cfg(not(target_os = "linux"))]
 pub(super) fn forget_errors() {
     // SAFETY: closes nothing, which is refused for another reason than want of memory.
     unsafe { libc::close(-1) };

@@ -2,6 +2,7 @@
 //! them is found out. Behind each array lie bytes that nobody may change, and behind each room a page that is not there.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::message::LARGE;
@@ -9,13 +10,13 @@ use super::sheet::Pages;
 use super::{fail, rights};
 use crate::array::{Bytes, DType, Data, Shared};
 
-/// Bytes of a room for small arrays.
-const ROOM: usize = 1 << 18;
+/// Bytes of a room for small arrays of several tasks.
+const ROOM: usize = 1 << 17;
 /// Where an array begins, and how many bytes at least lie behind it.
 const ALIGNED: usize = 64;
 /// What these are.
 const FILL: u8 = 0xa5;
-/// Rooms that are kept as they are, for whoever comes back to them.
+/// Tasks, and large arrays, whose rooms are kept as they are, for whoever comes back to them.
 const KEPT: usize = 8;
 
 struct Room {
@@ -34,12 +35,13 @@ impl Room {
         Ok(Self { pages, bytes })
     }
 
-    fn allow(&self, rights: libc::c_int) {
+    /// Says what may be done with a part of it, which begins and ends with a page.
+    fn allow(&self, part: Range<usize>, rights: libc::c_int) {
         // SAFETY: the pages are ours.
-        unsafe { libc::mprotect(self.pages.at as *mut libc::c_void, self.bytes, rights) };
+        unsafe { libc::mprotect((self.pages.at + part.start) as *mut libc::c_void, part.len(), rights) };
     }
 
-    fn range(&self) -> std::ops::Range<usize> {
+    fn range(&self) -> Range<usize> {
         self.pages.at..self.pages.at + self.bytes
     }
 }
@@ -57,15 +59,72 @@ impl Bytes for Piece {
     }
 }
 
+/// A room for small arrays, which is filled from its beginning.
+struct Filled {
+    room: Arc<Room>,
+    /// Bytes that tasks have taken, and how many of those cannot be written any longer.
+    used: usize,
+    shut: usize,
+    /// Tasks that put something out while it was filled.
+    tasks: usize,
+}
+
+impl Filled {
+    fn new() -> Option<Self> {
+        Some(Self { room: shared(Room::new(ROOM).ok()?), used: 0, shut: 0, tasks: 0 })
+    }
+
+    /// True where nobody holds an array in it.
+    fn is_free(&self) -> bool {
+        Arc::strong_count(&self.room) == 1
+    }
+
+    /// Has what was taken since the last time be read alone.
+    fn shut(&mut self, made_by: (u32, i64)) {
+        let from = std::mem::replace(&mut self.shut, self.used.next_multiple_of(super::page()));
+        self.room.allow(from..self.shut, libc::PROT_READ);
+        let at = self.room.pages.at;
+        rights::add_past(at + from..at + self.used, made_by);
+        self.used = self.shut;
+    }
+
+    /// The room, to be filled from its beginning.
+    fn emptied(mut self) -> Self {
+        self.room.allow(0..self.shut, libc::PROT_READ | libc::PROT_WRITE);
+        // SAFETY: the room is nobody's, and can be written.
+        unsafe { std::ptr::write_bytes(self.room.pages.at as *mut u8, 0, self.shut) };
+        (self.used, self.shut, self.tasks) = (0, 0, 0);
+        self
+    }
+}
+
 #[derive(Default)]
 struct State {
-    /// The room for small arrays, and how much of it is used.
-    open: Option<(Arc<Room>, usize)>,
+    /// Rooms for small arrays: the last is being filled.
+    small: VecDeque<Filled>,
     /// Rooms of one large array each that can be written.
     large: Vec<Arc<Room>>,
-    /// Rooms of tasks that have ended, and how much of each they used.
-    past: VecDeque<(Arc<Room>, usize)>,
     past_large: VecDeque<Arc<Room>>,
+}
+
+impl State {
+    /// A room that has so many bytes left.
+    fn with_room(&mut self, bytes: usize) -> Option<&mut Filled> {
+        if self.small.back().is_none_or(|last| bytes > last.room.bytes - last.used) {
+            let emptied = self.oldest().and_then(|at| self.small.remove(at)).map(Filled::emptied);
+            self.small.push_back(emptied.map_or_else(Filled::new, Some)?);
+        }
+        self.small.back_mut()
+    }
+
+    /// The oldest room that nobody uses, if enough tasks ended in those behind it.
+    fn oldest(&self) -> Option<usize> {
+        let mut behind: usize = self.small.iter().map(|filled| filled.tasks).sum();
+        self.small.iter().position(|filled| {
+            behind -= filled.tasks;
+            behind >= KEPT && filled.is_free() && filled.shut == filled.used
+        })
+    }
 }
 
 /// All rooms of a worker.
@@ -83,13 +142,9 @@ impl Rooms {
         let all = bytes.checked_add(ALIGNED)?.checked_next_multiple_of(ALIGNED)?;
         let mut state = self.state();
         let (room, from) = if bytes < LARGE {
-            let open = state.open.take().filter(|(room, used)| used + all <= room.bytes);
-            let (room, used) = match open {
-                Some(open) => open,
-                None => (shared(Room::new(ROOM).ok()?), 0),
-            };
-            state.open = Some((room.clone(), used + all));
-            (room, used)
+            let filled = state.with_room(all)?;
+            filled.used += all;
+            (filled.room.clone(), filled.used - all)
         } else {
             let room = shared(Room::new(all).ok()?);
             state.large.push(room.clone());
@@ -110,7 +165,7 @@ impl Rooms {
         let mut state = self.state();
         if let Some(i) = state.large.iter().position(|room| room.range().contains(&at)) {
             let room = state.large.swap_remove(i);
-            room.allow(libc::PROT_READ);
+            room.allow(0..room.bytes, libc::PROT_READ);
             rights::add_past(room.range(), made_by);
             state.past_large.push_back(room);
             if state.past_large.len() > KEPT {
@@ -123,17 +178,13 @@ impl Rooms {
     pub(super) fn end(&self, made_by: (u32, i64)) {
         let mut state = self.state();
         state.large.retain(|room| Arc::strong_count(room) > 1);
-        let Some((room, used)) = state.open.take_if(|(room, used)| *used > 0 && Arc::strong_count(room) == 1) else { return };
-        room.allow(libc::PROT_READ);
-        rights::add_past(room.pages.at..room.pages.at + used, made_by);
-        state.past.push_back((room, used));
-        if state.past.len() > KEPT {
-            state.open = state.past.pop_front().map(|(room, used)| {
-                room.allow(libc::PROT_READ | libc::PROT_WRITE);
-                // SAFETY: the room is nobody's, and can be written.
-                unsafe { std::ptr::write_bytes(room.pages.at as *mut u8, 0, used) };
-                (room, 0)
-            });
+        let mut has_made = false;
+        for filled in state.small.iter_mut().filter(|filled| filled.used > filled.shut && filled.is_free()) {
+            filled.shut(made_by);
+            has_made = true;
+        }
+        if let Some(last) = state.small.back_mut().filter(|_| has_made) {
+            last.tasks += 1;
         }
     }
 
@@ -199,17 +250,22 @@ mod tests {
     #[test]
     fn rooms_are_used_again_after_a_while_and_hold_noughts() {
         let rooms = Rooms::default();
-        let mut seen = std::collections::BTreeSet::new();
-        for task in 0..4 * KEPT as i64 {
+        let mut seen = Vec::new();
+        let tasks = 8 * (KEPT + ROOM / super::super::page());
+        for task in 0..tasks {
             let (data, start) = rooms.array(DType::F64, 5).unwrap();
             assert!(bytes(&data).iter().all(|b| *b == 0), "{task}");
             // SAFETY: the array is that long.
             unsafe { start.write(9) };
-            seen.insert(start as usize);
+            let before = seen.iter().rev().position(|at| *at == start as usize);
+            assert!(before.is_none_or(|before| before >= KEPT), "{task}");
+            seen.push(start as usize);
             drop(data);
-            rooms.end((0, task));
+            rooms.end((0, task as i64));
         }
-        assert_eq!(seen.len(), KEPT + 1);
+        seen.sort_unstable();
+        seen.dedup();
+        assert!(seen.len() < tasks / 2, "{}", seen.len());
         // What is held stays as it is, and can be written.
         let (held, start) = rooms.array(DType::U8, 3).unwrap();
         rooms.end((0, 0));

@@ -220,16 +220,14 @@ impl Serving {
 
     /// Writes what a task gave.
     fn answer(&self, result: Result<Response, NodeError>, maker: &Maker, to: &mut Writer) {
-        let mut made = Writer::default();
         let result = result.and_then(|response| self.closed(response, maker));
         let is_refused = self.is_refused.swap(false, Ordering::Relaxed);
         let most = self.most.load(Ordering::Relaxed);
         let result = result.map_err(|e| if is_refused && e.help.is_none() { e.help(super::isolated::memory_help(most)) } else { e });
         to.u32(if result.is_ok() { DONE } else { FAILED });
-        // What was put out is the host's again, and not to be given back.
         match result {
-            Ok(response) => self.write_made(response, &mut made),
-            Err(error) => message::write_error(&mut made, &error),
+            Ok(response) => self.write_made(response, to),
+            Err(error) => message::write_error(to, &error),
         }
         let mut released = Vec::new();
         locked(&self.lent).retain(|(id, value)| {
@@ -240,9 +238,8 @@ impl Serving {
             is_held
         });
         to.list(&released, |to, id| to.u64(*id));
+        // What was put out is the host's again, and not among what is given back.
         to.list(&std::mem::take(&mut locked(&self.blocks).1), |to, at| to.u64(*at));
-        to.bytes.extend(made.bytes);
-        to.along.extend(made.along);
     }
 
     /// What was made, as it is from here on; an error where more was written than there is room for.
@@ -432,6 +429,12 @@ impl AnyValue for Lent {
             arrays: self.arrays.iter().map(|(name, array)| (*name, array.view())).collect::<Vec<(&str, ArrayView<'_>)>>(),
             meta: self.meta.clone(),
         }
+    }
+    fn nth_array(&self, at: usize) -> Option<(&'static str, ArrayView<'_>)> {
+        self.arrays.get(at).map(|(name, array)| (*name, array.view()))
+    }
+    fn meta(&self) -> Meta {
+        self.meta.clone()
     }
     fn size(&self) -> usize {
         self.arrays.iter().map(|(_, array)| array.data.bytes().len()).sum()

@@ -1,4 +1,4 @@
-//! Small inputs of a task: copied out of messages into pages that cannot be written while the plugin runs.
+//! Inputs of a task that came in or behind a message: copied into pages that cannot be written while the plugin runs.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -22,6 +22,12 @@ pub(in super::super) fn give_up(writable: &[PathBuf]) {
     let _ = no_network();
 }
 
+/// Before a task: what the system refuses from here on, it refuses this.
+pub(in super::super) fn forget_errors() {
+    // SAFETY: the word is this thread's.
+    unsafe { *libc::__errno_location() = 0 };
+}
+
 /// Bytes of memory that this process has asked for to write to. Does nothing but what a signal's handler may.
 pub(super) fn data_of_process() -> u64 {
     let mut text = [0u8; 128];
