@@ -43,7 +43,7 @@ pub(crate) enum End {
 #[derive(Node)]
 #[node(
     id = "io.read_gltf",
-    version = 3,
+    version = 4,
     kind = whole,
     outputs = IoReadGltfOutputs,
     beside = named_beside,

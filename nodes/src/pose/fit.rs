@@ -70,16 +70,16 @@ pub(crate) struct PoseFit {
     #[input(default = 1.0, range = 0.0..=1000000.0)]
     pub(crate) outline_weight: f64,
     /// Pixels that a marker must gain for a joint to turn by a radian. 0 lets all joints go, large keeps the pose of the start.
-    #[input(default = 3.0, range = 0.0..=1000000.0, unit = "px")]
+    #[input(default = 1.0, range = 0.0..=1000000.0, unit = "px")]
     pub(crate) turn_prior: f64,
     /// Pixels that a marker must gain for a bone to get 2.7 times as long.
-    #[input(default = 30.0, range = 0.0..=1000000.0, unit = "px")]
+    #[input(default = 2.0, range = 0.0..=1000000.0, unit = "px")]
     pub(crate) length_prior: f64,
     /// The same for scales.
-    #[input(default = 30.0, range = 0.0..=1000000.0, unit = "px")]
+    #[input(default = 2.0, range = 0.0..=1000000.0, unit = "px")]
     pub(crate) scale_prior: f64,
     /// How far apart outlines may be at the start. Small holds on to what is near, large finds limbs that were drawn elsewhere.
-    #[input(default = 48.0, range = 2.0..=10000.0, unit = "px")]
+    #[input(default = 120.0, range = 2.0..=10000.0, unit = "px")]
     pub(crate) reach: f64,
     /// As much ink counts as ink, 0 to 1.
     #[input(default = 0.4, range = 0.01..=0.99)]

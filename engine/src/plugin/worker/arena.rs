@@ -410,6 +410,25 @@ mod tests {
     }
 
     #[test]
+    fn small_arrays_are_packed_and_stay_for_as_long_as_they_are_held() {
+        assert!(start());
+        let worker = Attached::new(&file().unwrap()).unwrap();
+        let mut packed = Packed::default();
+        let (first, at) = packed.copy(&[1; 100]).unwrap();
+        let (second, next) = packed.copy(&[2; 3]).unwrap();
+        assert_eq!(next, at + 128);
+        for n in 0..2 * SMALLEST / 1000 {
+            let (_copy, at) = packed.copy(&[n as u8; 1000]).unwrap();
+            assert!(worker.input(at, 1000).unwrap().bytes().iter().all(|b| *b == n as u8), "{n}");
+        }
+        assert_eq!((worker.input(at, 100).unwrap().bytes(), worker.input(next, 3).unwrap().bytes()), (&[1; 100][..], &[2; 3][..]));
+        drop((first, second));
+        let (held, at) = packed.copy(&[3; 5]).unwrap();
+        drop(held);
+        assert_eq!(packed.copy(&[4; 5]).unwrap().1, at);
+    }
+
+    #[test]
     fn what_a_worker_may_write_is_what_the_host_reads() {
         assert!(start());
         let worker = Attached::new(&file().unwrap()).unwrap();

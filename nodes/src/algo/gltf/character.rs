@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::accessor::{INDEX, JOINT, REAL};
+use super::accessor::{FLOAT, INDEX, JOINT, REAL};
 use super::error::{GltfError, item, malformed};
 use super::{Document, Pick, Rig, Sample, json, listed};
 use crate::algo::mesh::normals_of;
@@ -294,11 +294,22 @@ impl Document {
             return Ok((1, vec![joint; n], vec![1.0; n]));
         };
         let columns = item(&rig.skins, "skins", skin, &format!("nodes[{node}].skin"))?;
+        let shown = self.shown()?;
+        if let Some(far) = self.root.skins[skin].joints.iter().find(|j| shown.binary_search(j).is_err()) {
+            let message = format!("expected joints in the scene of the mesh, found node {far} outside of it");
+            return Err(malformed(format!("skins[{skin}].joints"), message));
+        }
         let mut sets = Vec::new();
         while let Some(joints) = attribute(&format!("JOINTS_{}", sets.len())) {
             let weights = attribute(&format!("WEIGHTS_{}", sets.len()));
             let weights = weights.ok_or_else(|| malformed(at, "expected WEIGHTS for each JOINTS, found none"))?;
-            let (joints, weights) = (self.vectors::<4>(joints, &["VEC4"], JOINT, at)?, self.vectors::<4>(weights, &["VEC4"], REAL, at)?);
+            let (joints, shares) = (self.vectors::<4>(joints, &["VEC4"], JOINT, at)?, self.vectors::<4>(weights, &["VEC4"], REAL, at)?);
+            let kind = &self.root.accessors[weights];
+            if !FLOAT.contains(&kind.component_type) && !kind.normalized {
+                let message = "expected weights as numbers with a point or as normalized integers, found integers that are not normalized";
+                return Err(malformed(format!("accessors[{weights}]"), message));
+            }
+            let weights = shares;
             if joints.len() != n || weights.len() != n {
                 let message = format!("expected {n} values of JOINTS and WEIGHTS, found {} and {}", joints.len(), weights.len());
                 return Err(malformed(at, message));

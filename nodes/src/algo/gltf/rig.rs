@@ -162,6 +162,12 @@ impl Document {
                 let message = format!("expected an inverse bind matrix for each of {} joints, found {}", skin.joints.len(), matrices.len());
                 return Err(malformed(at, message));
             }
+            let last_row = |m: &[f64; 16]| [m[3], m[7], m[11], m[15]];
+            let is_affine = |m: &[f64; 16]| last_row(m).iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < 1e-3);
+            if let Some((j, m)) = matrices.iter().enumerate().find(|(_, m)| !is_affine(m)) {
+                let message = format!("expected inverse bind matrix {j} to end in the row 0, 0, 0, 1, found {:?}", last_row(m));
+                return Err(malformed(at, message));
+            }
             let joints = skin.joints.iter().zip(&matrices);
             let joints = joints.map(|(n, m)| put(rig, rig.joints[*n].unwrap_or(0), Matrix4::from_column_slice(m))).collect();
             rig.skins.push(joints);

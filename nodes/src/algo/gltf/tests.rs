@@ -402,6 +402,22 @@ fn skins_that_bind_to_what_there_is_not_are_refused() {
         with(&|j| j["nodes"][2]["rotation"] = json!([0, 0, 0, 0])),
         "nodes[2].rotation: expected a unit quaternion, found one without length"
     );
+    let outside = "skins[0].joints: expected joints in the scene of the mesh, found node 1 outside of it";
+    assert_eq!(with(&|j| j["scenes"] = json!([{ "nodes": [0] }])), outside);
+    let mut whole = skinned(&good);
+    let shares = whole.accessor(&[255; 12], 5121, "VEC4", 3);
+    whole.primitive()["attributes"]["WEIGHTS_0"] = shares.into();
+    let integers = "expected weights as numbers with a point or as normalized integers, found integers that are not normalized";
+    assert_eq!(whole.refused(), format!("accessors[{shares}]: {integers}"));
+    whole.json["accessors"][shares]["normalized"] = true.into();
+    assert!(whole.character().is_ok());
+    let mut slanted = skinned(&good);
+    let identity: [f32; 16] = std::array::from_fn(|k| if k % 5 == 0 { 1.0 } else { 0.0 });
+    let matrices: Vec<f32> =
+        identity.into_iter().chain(std::array::from_fn::<f32, 16, _>(|k| identity[k] + if k == 7 { 0.5 } else { 0.0 })).collect();
+    slanted.json["skins"][0]["inverseBindMatrices"] = slanted.floats(&matrices, "MAT4").into();
+    let row = "skins[0]: expected inverse bind matrix 1 to end in the row 0, 0, 0, 1, found [0.0, 0.5, 0.0, 1.0]";
+    assert_eq!(slanted.refused(), row);
     let far = "nodes[1]: expected finite numbers of 32 bits in its place, found 1e308";
     assert_eq!(with(&|j| j["nodes"][1]["scale"] = json!([1e308, 1, 1])), far);
     assert_eq!(with(&|j| j["nodes"][1]["translation"] = json!([1, 1e308, 1])), far);
