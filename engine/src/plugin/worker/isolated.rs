@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::Workers;
 #[cfg(target_os = "linux")]
 use super::arena;
-use super::message::{self, ALLOC, COMPUTE, DONE, FAILED, FETCH, LARGE, LOAD, LOG, NEEDS, TASK};
+use super::message::{self, COMPUTE, DONE, FAILED, FETCH, LARGE, LOAD, LOG, NEEDS, TASK};
 use super::notes::{Near, STATE_INPUT};
 use super::process::{End, Loan, Patience, Process};
 use super::wire::{Along, Reader, Writer};
@@ -170,7 +170,7 @@ impl Isolated {
                     return Ok(result);
                 }
                 #[cfg(target_os = "linux")]
-                Some(ALLOC) => self.alloc(process, &mut from, &mut message),
+                Some(message::ALLOC) => self.alloc(process, &mut from, &mut message),
                 Some(FETCH) => fetch(process, request, &mut from, &mut message),
                 Some(LOG) => self.log(request.frame, &mut from),
                 _ => None,

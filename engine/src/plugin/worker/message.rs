@@ -17,6 +17,7 @@ pub(super) const QUIT: u32 = 3;
 /// First word of what a worker says.
 pub(super) const DONE: u32 = 11;
 pub(super) const FAILED: u32 = 12;
+#[cfg(target_os = "linux")]
 pub(super) const ALLOC: u32 = 13;
 pub(super) const FETCH: u32 = 14;
 pub(super) const LOG: u32 = 15;
