@@ -22,11 +22,14 @@ const EDGE_ON: f64 = 0.5;
 /// A place in the picture, and its nearness.
 pub type Spot = ([f64; 2], f64);
 
+/// What points toward the eye from a place.
+type Toward = Box<dyn Fn(&Vector3<f64>) -> Vector3<f64>>;
+
 /// The triangles of a surface on the screen, by place.
 pub struct Hidden<'a> {
     surface: &'a Surface,
     camera: &'a Camera,
-    toward: Box<dyn Fn(&Vector3<f64>) -> Vector3<f64>>,
+    toward: Toward,
     projected: &'a Projected,
     columns: usize,
     rows: usize,
