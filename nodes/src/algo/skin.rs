@@ -233,7 +233,6 @@ mod lanes {
         _mm256_castps256_ps128, _mm256_cvtps_pd, _mm256_extractf128_pd, _mm256_extractf128_ps, _mm256_fmadd_ps, _mm256_set1_ps,
         _mm256_setzero_ps,
     };
-    use std::mem::MaybeUninit;
 
     use super::turn_f32;
 
@@ -251,11 +250,8 @@ mod lanes {
     ) {
         let n = positions.len().min(joints.len() / influences).min(weights.len() / influences);
         moved.reserve(n);
-        let (mut normals, zero) = (normals.iter(), _mm256_setzero_ps());
-        let mut put = |out: &mut MaybeUninit<[f64; 3]>, p: &[f32; 3], m: Halves| {
-            out.write(place(m, p));
-            turned.extend(normals.next().map(|normal| turn_f32(&bytemuck::cast(m), *normal)));
-        };
+        let (is_turned, mut normals, zero) = (!normals.is_empty(), normals.iter(), _mm256_setzero_ps());
+        let mut turn = |m: Halves| turned.extend(normals.next().map(|normal| turn_f32(&bytemuck::cast(m), *normal)));
         let places = moved.spare_capacity_mut().iter_mut().zip(&positions[..n]);
         if influences == 4 {
             // Neighbours mostly hang on the same four joints, which then stay in registers.
@@ -268,7 +264,11 @@ mod lanes {
                 }
                 let w = weights.map(|w| _mm256_set1_ps(w));
                 let sum = |k: usize| _mm256_fmadd_ps(w[2], c[k], _mm256_fmadd_ps(w[1], b[k], _mm256_fmadd_ps(w[0], a[k], zero)));
-                put(out, p, [0, 1].map(|k| _mm256_fmadd_ps(w[3], d[k], sum(k))));
+                let m = [0, 1].map(|k| _mm256_fmadd_ps(w[3], d[k], sum(k)));
+                out.write(place(m, p));
+                if is_turned {
+                    turn(m);
+                }
             }
         } else {
             for ((out, p), (joints, weights)) in places.zip(joints.chunks_exact(influences).zip(weights.chunks_exact(influences))) {
@@ -277,7 +277,10 @@ mod lanes {
                     let (motion, w) = (motions[*j as usize], _mm256_set1_ps(*w));
                     m = [0, 1].map(|k| _mm256_fmadd_ps(w, motion[k], m[k]));
                 }
-                put(out, p, m);
+                out.write(place(m, p));
+                if is_turned {
+                    turn(m);
+                }
             }
         }
         #[allow(unsafe_code, reason = "what is written at once need not be filled before")]
