@@ -51,10 +51,10 @@ fn where_three_sheets_meet_a_silhouette_has_all_of_them_on_one_side() {
     let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 1.0]];
     let fan = surface(&(positions, vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]]), 60.0);
     let lines = Lines { silhouettes: true, borders: false, crease: None, seams: false };
-    for (eye, count) in [([0.5, -1.0, 9.0], 1), ([0.5, 9.0, -1.0], 1), ([0.5, -5.0, 9.0], 1), ([0.5, 9.0, 9.0], 0)] {
+    for (eye, count) in [([0.5, -1.0, 9.0], 1), ([0.5, 9.0, -1.0], 1), ([0.5, -5.0, 9.0], 1), ([0.5, 9.0, 5.0], 0)] {
         let found = chains(&fan, from(eye), lines, |_| false);
-        assert_eq!(found.len(), count, "from {eye:?}");
-        assert!(found.iter().all(|c| c.points.iter().map(|p| p.vertices).eq([[0, 0], [1, 1]])), "from {eye:?}");
+        let along = found.iter().filter(|c| c.points.iter().map(|p| p.vertices).eq([[0, 0], [1, 1]])).count();
+        assert_eq!(along, count, "from {eye:?}");
     }
 }
 
