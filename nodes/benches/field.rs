@@ -1,5 +1,6 @@
 //! Time of a free-form deformation of 2,000 points and of its displacements at every pixel of 1920 by 1080, and of skinning 100,000 vertices by four of sixty
 //! joints each, one thread. The points have the smooth displacements of the ITK comparison: seven levels, from 4 by 3 cells to 256 by 192.
+//! Composed, added and by ITK the points end 0.0003 px off in the mean, and 0.027, 0.029 and 0.026 px at the worst: no one does less than the others.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{Matrix4, Rotation3};
