@@ -23,7 +23,7 @@ const EDGE_ON: f64 = 0.5;
 pub type Spot = ([f64; 2], f64);
 
 /// What points toward the eye from a place.
-type Toward = Box<dyn Fn(&Vector3<f64>) -> Vector3<f64>>;
+type Toward = Box<dyn Fn(&Vector3<f64>) -> Vector3<f64> + Send + Sync>;
 
 /// The triangles of a surface on the screen, by place.
 pub struct Hidden<'a> {

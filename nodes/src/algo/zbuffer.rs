@@ -174,8 +174,6 @@ fn cut(polygon: &[Corner], inside: impl Fn(&Vector4<f64>) -> f64) -> Vec<Corner>
 struct Setup {
     edges: [[f64; 3]; 3],
     near: [f64; 3],
-    columns: [f64; 2],
-    rows: [f64; 2],
 }
 
 /// To the next 1/256: the sum leaves no bits for finer ones.
@@ -184,12 +182,24 @@ fn snap(v: f64) -> f64 {
     (v + MAGIC) - MAGIC
 }
 
+/// The corners of a triangle, snapped. (`map` on arrays is a call of its own, without the wider instructions of the caller.)
+#[inline(always)]
+fn snapped(triangle: &ScreenTriangle) -> [[f64; 2]; 3] {
+    let [a, b, c] = triangle.corners;
+    [[snap(a[0]), snap(a[1])], [snap(b[0]), snap(b[1])], [snap(c[0]), snap(c[1])]]
+}
+
+/// The least and the greatest of three corners' columns (0) or rows (1).
+#[inline(always)]
+fn range([a, b, c]: &[[f64; 2]; 3], k: usize) -> [f64; 2] {
+    [a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k])]
+}
+
 impl Setup {
-    /// `None` where nothing is left of it.
+    /// Of a triangle whose corners are snapped already; `None` where nothing is left of it.
     #[inline(always)]
-    fn new(triangle: &ScreenTriangle) -> Option<Self> {
-        let mut p = triangle.corners.map(|c| c.map(snap));
-        let mut q = triangle.near;
+    fn new(mut p: [[f64; 2]; 3], near: [f64; 3]) -> Option<Self> {
+        let mut q = near;
         let area = (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
         if area == 0.0 {
             return None;
@@ -198,15 +208,20 @@ impl Setup {
             p.swap(1, 2);
             q.swap(1, 2);
         }
-        let edges = [0, 1, 2].map(|i| edge(p[i], p[(i + 1) % 3]));
+        let edges = [edge(p[0], p[1]), edge(p[1], p[2]), edge(p[2], p[0])];
         // The weight of a corner is the function of the edge opposite, over the area.
         let plane = |k: usize| (edges[1][k] * q[0] + edges[2][k] * q[1] + edges[0][k] * q[2]) / area.abs();
-        let (low, high) = (p[0][0].min(p[1][0]).min(p[2][0]), p[0][0].max(p[1][0]).max(p[2][0]));
-        let (top, bottom) = (p[0][1].min(p[1][1]).min(p[2][1]), p[0][1].max(p[1][1]).max(p[2][1]));
         // From a corner, as far-off origins would cost digits.
         let (nx, ny) = (plane(0), plane(1));
         let near = [nx, ny, q[0] - nx * p[0][0] - ny * p[0][1]];
-        Some(Self { edges, near, columns: [low, high], rows: [top, bottom] })
+        Some(Self { edges, near })
+    }
+
+    /// The edges' functions at a place.
+    #[inline(always)]
+    fn at(&self, x: f64, y: f64) -> [f64; 3] {
+        let [d, e, f] = &self.edges;
+        [d[0] * x + d[1] * y + d[2], e[0] * x + e[1] * y + e[2], f[0] * x + f[1] * y + f[2]]
     }
 }
 
@@ -257,13 +272,13 @@ impl Rows<'_> {
 fn draw_rows(rows: &mut Rows<'_>, triangles: &[ScreenTriangle], numbers: &[u32]) {
     let height = rows.height();
     for &id in numbers {
-        let [a, b, c] = triangles[id as usize].corners.map(|c| c.map(snap));
-        let range = |k: usize| [a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k])];
-        let (columns, lines) = (Rows::centres(range(0), rows.origin[0], rows.width), Rows::centres(range(1), rows.origin[1], height));
+        let corners = snapped(&triangles[id as usize]);
+        let columns = Rows::centres(range(&corners, 0), rows.origin[0], rows.width);
+        let lines = Rows::centres(range(&corners, 1), rows.origin[1], height);
         // Many a small triangle lies between the centres.
         if columns.0 < columns.1
             && lines.0 < lines.1
-            && let Some(setup) = Setup::new(&triangles[id as usize])
+            && let Some(setup) = Setup::new(corners, triangles[id as usize].near)
         {
             draw_one(rows, &setup, columns, lines, id);
         }
@@ -282,7 +297,7 @@ fn draw_one(rows: &mut Rows<'_>, setup: &Setup, (left, right): (usize, usize), (
         let py = (y + rows.origin[1]) as f64 + 0.5;
         let (x0, x1) = if right > left + 32 { span(setup, py, rows.origin[0], left, right) } else { (left, right) };
         let px = (x0 + rows.origin[0]) as f64 + 0.5;
-        let e = setup.edges.map(|[a, b, c]| a * px + b * py + c);
+        let e = setup.at(px, py);
         let q = setup.near[0] * px + setup.near[1] * py + setup.near[2] - rows.reference;
         let (near, ids) = (&mut rows.near[y * width..][x0..], &mut rows.id[y * width..][x0..]);
         if small && let (Some((near, _)), Some((ids, _))) = (near.split_first_chunk_mut(), ids.split_first_chunk_mut()) {
@@ -300,13 +315,13 @@ fn draw_one(rows: &mut Rows<'_>, setup: &Setup, (left, right): (usize, usize), (
 fn draw_lanes(setup: &Setup, e: [f64; 3], q: f64, id: u32, near: &mut [f32; LANES], ids: &mut [u32; LANES]) {
     const STEPS: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
     let lower = |a: f64, b: f64| if a < b { a } else { b };
-    let [d, f, g] = [0, 1, 2].map(|k| STEPS.map(|i| e[k] + setup.edges[k][0] * i));
-    let mut least = [0.0; LANES];
+    let mut values = [0.0; LANES];
+    let mut inside = [0; LANES];
     for i in 0..LANES {
-        least[i] = lower(lower(d[i], f[i]), g[i]);
+        let at = |k: usize| e[k] + setup.edges[k][0] * STEPS[i];
+        values[i] = (q + setup.near[0] * STEPS[i]) as f32;
+        inside[i] = if lower(lower(at(0), at(1)), at(2)) >= 0.0 { u32::MAX } else { 0 };
     }
-    let values = STEPS.map(|i| (q + setup.near[0] * i) as f32);
-    let inside = least.map(|v| if v >= 0.0 { u32::MAX } else { 0 });
     let (before, drawn) = (*near, *ids);
     for i in 0..LANES {
         let wins = (inside[i] != 0) & (values[i] > before[i]);
@@ -320,9 +335,9 @@ fn draw_lanes(setup: &Setup, e: [f64; 3], q: f64, id: u32, near: &mut [f32; LANE
 fn draw_run(setup: &Setup, e: [f64; 3], q: f64, id: u32, near: &mut [f32], ids: &mut [u32]) {
     for (i, (near, slot)) in near.iter_mut().zip(ids).enumerate() {
         let i = i as i32 as f64;
-        let [d, f, g] = [0, 1, 2].map(|k| e[k] + setup.edges[k][0] * i >= 0.0);
+        let inside = |k: usize| e[k] + setup.edges[k][0] * i >= 0.0;
         let value = (q + setup.near[0] * i) as f32;
-        let wins = d & f & g & (value > *near);
+        let wins = inside(0) & inside(1) & inside(2) & (value > *near);
         *near = if wins { value } else { *near };
         *slot = if wins { id } else { *slot };
     }
@@ -370,16 +385,21 @@ pub fn draw_close(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles:
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl+avx512bw+avx512dq", "x86_64+avx2"))]
 fn close_rows(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[ScreenTriangle], numbers: &[u32]) {
     for &id in numbers {
-        let Some(setup) = Setup::new(&triangles[id as usize]) else { continue };
+        let corners = snapped(&triangles[id as usize]);
         let squares = |range: [f64; 2], origin: usize, len: usize| {
             let low = (range[0] - origin as f64).max(0.0) as usize;
             (low, ((range[1] - origin as f64).max(-1.0) + 1.0).min(len as f64) as usize)
         };
-        let (y0, y1) = squares(setup.rows, rows.origin[1], rows.height());
-        let (x0, x1) = squares(setup.columns, rows.origin[0], rows.width);
+        let (y0, y1) = squares(range(&corners, 1), rows.origin[1], rows.height());
+        let (x0, x1) = squares(range(&corners, 0), rows.origin[0], rows.width);
+        let row = |y: usize| &slot[y * rows.width..][x0..x1.max(x0)];
+        // Most triangles touch no pixel that is looked at.
+        if !(y0..y1).any(|y| row(y).iter().any(|at| *at != NONE)) {
+            continue;
+        }
+        let Some(setup) = Setup::new(corners, triangles[id as usize].near) else { continue };
         for y in y0..y1 {
-            let row = &slot[y * rows.width..][x0..x1.max(x0)];
-            for (i, &at) in row.iter().enumerate().filter(|(_, at)| **at != NONE) {
+            for (i, &at) in row(y).iter().enumerate().filter(|(_, at)| **at != NONE) {
                 close_one(&mut close[at as usize], &setup, [x0 + i + rows.origin[0], y + rows.origin[1]], rows.reference, id);
             }
         }
@@ -388,8 +408,8 @@ fn close_rows(rows: &Rows<'_>, slot: &[u32], close: &mut [Close], triangles: &[S
 
 #[inline(always)]
 fn close_one(close: &mut Close, setup: &Setup, pixel: [usize; 2], reference: f64, id: u32) {
-    let [x, y] = pixel.map(|v| v as f64);
-    let e = setup.edges.map(|[a, b, c]| a * x + b * y + c);
+    let (x, y) = (pixel[0] as f64, pixel[1] as f64);
+    let e = setup.at(x, y);
     let q = setup.near[0] * x + setup.near[1] * y + setup.near[2] - reference;
     for s in 0..SAMPLES {
         let [dx, dy] = OFFSETS[s];

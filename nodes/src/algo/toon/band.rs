@@ -4,7 +4,7 @@ use kurbo::Point;
 
 use super::Area;
 use super::outline::{path, touched};
-use super::shade::{Shaded, Shader};
+use super::shade::{Recent, Shader};
 use crate::algo::paint::{FillRule, fill_rows};
 use crate::algo::zbuffer::{Close, NONE, OFFSETS, Projected, Rows, SAMPLES, depth_of, draw_close};
 
@@ -22,9 +22,9 @@ pub(super) struct Band<'a> {
     pub(super) reaching: Vec<Vec<u32>>,
 }
 
-/// The rows of the results that a band writes; `near` is as wide as the area, the others as the picture.
+/// The rows of the results that a band writes; `near` is as wide as the area, and wanted for lines alone, the others as the picture.
 pub(super) struct Out<'a> {
-    pub(super) near: &'a mut [f32],
+    pub(super) near: Option<&'a mut [f32]>,
     pub(super) image: &'a mut [f32],
     pub(super) depth: &'a mut [f32],
     pub(super) id: &'a mut [f32],
@@ -77,9 +77,9 @@ pub(super) fn reaching(projected: &Projected, area: Area) -> Vec<Vec<u32>> {
 
 impl Band<'_> {
     /// Draws the band that starts `top` rows below the area's own top.
-    pub(super) fn draw(&self, look: &mut Look, top: usize, out: Out<'_>) {
+    pub(super) fn draw(&self, (look, recent): &mut (Look, Recent), top: usize, out: Out<'_>) {
         let width = self.area.width;
-        let own = out.near.len() / width;
+        let own = out.id.len() / out.width;
         let above = usize::from(top > 0 && self.antialias);
         let below = usize::from(top + own < self.area.height && self.antialias);
         let rows = own + above + below;
@@ -88,12 +88,11 @@ impl Band<'_> {
         self.rows(look).draw(&self.shader.projected.triangles, numbers);
         let mut cover = Vec::new();
         if self.antialias {
-            self.colour(look);
+            self.colour(look, recent);
             self.look_closely(look, numbers);
             cover = self.cover(look, own);
         }
-        out.near.copy_from_slice(&look.near[above * width..][..own * width]);
-        self.write(look, &cover, out);
+        self.write(look, recent, &cover, own, out);
     }
 
     fn rows<'b>(&self, look: &'b mut Look) -> Rows<'b> {
@@ -107,13 +106,12 @@ impl Band<'_> {
     }
 
     /// The colour at each pixel's centre.
-    fn colour(&self, look: &mut Look) {
+    fn colour(&self, look: &mut Look, recent: &mut Recent) {
         look.colour.resize(look.id.len(), [0.0; 3]);
-        let mut shaded = Shaded::default();
         let rows = look.id.chunks(self.area.width).zip(look.colour.chunks_mut(self.area.width));
         for (y, (ids, colours)) in rows.enumerate() {
-            for (x, (&id, colour)) in ids.iter().zip(colours).enumerate().filter(|(_, (id, _))| **id != NONE) {
-                *colour = self.shader.at_centre(id, [x + self.area.origin[0], y + look.top], &mut shaded);
+            for x in drawn(ids, &[]) {
+                colours[x] = self.shader.at_centre(ids[x], [x + self.area.origin[0], y + look.top], recent);
             }
         }
     }
@@ -123,14 +121,25 @@ impl Band<'_> {
         let width = self.area.width;
         let mut wanted = vec![false; look.near.len()];
         let differ = |a: usize, b: usize| {
-            (look.id[a] == NONE) != (look.id[b] == NONE) || (0..3).any(|k| (look.colour[a][k] - look.colour[b][k]).abs() > 1.0 / 64.0)
+            let (p, q) = (look.colour[a], look.colour[b]);
+            (look.id[a] == NONE) != (look.id[b] == NONE) || (p != q && (0..3).any(|k| (p[k] - q[k]).abs() > 1.0 / 64.0))
         };
-        for i in 0..look.near.len() {
-            if (i + 1) % width != 0 && differ(i, i + 1) {
-                (wanted[i], wanted[i + 1]) = (true, true);
-            }
-            if i + width < look.near.len() && differ(i, i + width) {
-                (wanted[i], wanted[i + width]) = (true, true);
+        // Where two differ one of them is drawn, and looks at the other; of two that are, the first.
+        for (y, ids) in look.id.chunks(width).enumerate() {
+            for x in drawn(ids, &[]) {
+                let i = y * width + x;
+                if x + 1 < width && differ(i, i + 1) {
+                    (wanted[i], wanted[i + 1]) = (true, true);
+                }
+                if i + width < wanted.len() && differ(i, i + width) {
+                    (wanted[i], wanted[i + width]) = (true, true);
+                }
+                if x > 0 && look.id[i - 1] == NONE {
+                    (wanted[i], wanted[i - 1]) = (true, true);
+                }
+                if y > 0 && look.id[i - width] == NONE {
+                    (wanted[i], wanted[i - width]) = (true, true);
+                }
             }
         }
         let left = self.area.origin[0] as f64;
@@ -174,25 +183,26 @@ impl Band<'_> {
         cover
     }
 
-    fn write(&self, look: &Look, cover: &[f32], out: Out<'_>) {
+    fn write(&self, look: &Look, recent: &mut Recent, cover: &[f32], own: usize, out: Out<'_>) {
         let width = self.area.width;
-        let mut shaded = Shaded::default();
+        if let Some(near) = out.near {
+            near.copy_from_slice(&look.near[look.above * width..][..own * width]);
+        }
         // The part of the triangle that was last.
         let (mut last, mut part) = (NONE, 0.0);
-        for y in 0..out.near.len() / width {
+        for y in 0..own {
             let (row, place) = ((y + look.above) * width, [self.area.origin[0], y + look.above + look.top]);
-            for x in 0..width {
+            let ids = &look.id[row..][..width];
+            let slots = look.slot.get(row..row + width).unwrap_or_default();
+            for x in drawn(ids, slots) {
                 let i = row + x;
-                let slot = look.slot.get(i).copied().unwrap_or(NONE);
-                if slot == NONE && look.id[i] == NONE {
-                    continue;
-                }
+                let slot = slots.get(x).copied().unwrap_or(NONE);
                 let at = [place[0] + x, place[1]];
                 let (id, near, colour) = match look.close.get(slot as usize) {
                     None if self.antialias => (look.id[i], look.near[i], look.colour[i]),
-                    None => (look.id[i], look.near[i], self.shader.at_centre(look.id[i], at, &mut shaded)),
+                    None => (look.id[i], look.near[i], self.shader.at_centre(look.id[i], at, recent)),
                     Some(close) => {
-                        let colour = self.mean(close, at, &mut shaded);
+                        let colour = self.mean(close, at, recent);
                         let (id, near) = nearest(close, look.id[i], look.near[i]);
                         (id, near, colour)
                     }
@@ -220,11 +230,11 @@ impl Band<'_> {
     }
 
     /// The mean colour of the samples of a pixel that something covers; of a sliver that no sample meets, its own.
-    fn mean(&self, close: &Close, pixel: [usize; 2], shaded: &mut Shaded) -> [f32; 3] {
+    fn mean(&self, close: &Close, pixel: [usize; 2], recent: &mut Recent) -> [f32; 3] {
         let [x, y] = pixel.map(|v| v as f64);
         let (mut sum, mut count) = ([0.0_f32; 3], 0.0_f32);
         let mut add = |id: u32, dx: f64, dy: f64| {
-            let colour = self.shader.colour(id, x + dx, y + dy, shaded);
+            let colour = self.shader.colour(id, x + dx, y + dy, recent);
             sum = std::array::from_fn(|k| sum[k] + colour[k]);
             count += 1.0;
         };
@@ -236,6 +246,16 @@ impl Band<'_> {
         }
         sum.map(|v| v / count.max(1.0))
     }
+}
+
+/// The columns where either of two rows is not [`NONE`]; the second may be empty. Most of a picture is, so that it is passed over in blocks.
+fn drawn<'a>(first: &'a [u32], second: &'a [u32]) -> impl Iterator<Item = usize> + 'a {
+    const BLOCK: usize = 16;
+    let is_empty =
+        |row: &[u32], x: usize| row.get(x..(x + BLOCK).min(row.len())).is_none_or(|block| block.iter().fold(NONE, |a, b| a & b) == NONE);
+    let blocks = (0..first.len()).step_by(BLOCK).filter(move |x| !(is_empty(first, *x) && is_empty(second, *x)));
+    let columns = blocks.flat_map(|x| x..(x + BLOCK).min(first.len()));
+    columns.filter(|x| first[*x] != NONE || second.get(*x).is_some_and(|v| *v != NONE))
 }
 
 /// True where a closed line may touch so many rows from `top` on.

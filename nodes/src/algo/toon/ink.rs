@@ -61,6 +61,21 @@ struct Sample {
     seen: Seen,
 }
 
+/// The shares of a way that something hides; `None` where the picture has nothing of it.
+type Gaps = Option<Vec<[f64; 2]>>;
+
+/// A run of places of a chain that are before the eye. A closed one repeats its first at its end.
+struct Line {
+    places: Vec<Sample>,
+    closed: bool,
+    kind: Kind,
+    /// From each place to the next.
+    hidden: Vec<Gaps>,
+}
+
+/// Ways of a line that one thread looks at before it takes the next.
+const WAYS: usize = 64;
+
 /// All that does not change from chain to chain.
 struct Plotter<'a> {
     camera: &'a Camera,
@@ -77,11 +92,21 @@ pub(super) fn strokes<'a>(
     camera: &'a Camera,
     pen: &'a Pen,
     light: &'a Light,
+    threads: usize,
 ) -> Vec<Stroke> {
     let plotter = Plotter { camera, sight, hidden, pen, light };
+    let mut lines = Vec::new();
+    chains.iter().for_each(|chain| plotter.plot(chain, &mut lines));
+    let jobs = lines.iter_mut().flat_map(|Line { places, hidden, .. }| {
+        let places = &*places;
+        hidden.chunks_mut(WAYS).enumerate().map(move |(i, ways)| (&places[i * WAYS..], ways))
+    });
+    on_threads(jobs.collect(), threads, |(): &mut (), (places, ways): (&[Sample], &mut [Gaps])| {
+        places.windows(2).zip(ways).for_each(|(ends, way)| *way = plotter.hidden_of(ends[0], ends[1]));
+    });
     let mut out = Vec::new();
-    for chain in chains {
-        plotter.plot(chain, &mut out);
+    for line in &lines {
+        plotter.cut(plotter.dense(line), line.closed, line.kind, &mut out);
     }
     out
 }
@@ -96,32 +121,28 @@ impl Plotter<'_> {
         Some(Sample { at: Point::new(x, y), near, width: base * far * dark, edge: point.vertices, corner: false, seen: Seen::Yes })
     }
 
-    /// Adds the strokes of a chain.
-    fn plot(&self, chain: &Chain, out: &mut Vec<Stroke>) {
+    /// Adds the lines of a chain; nothing of them is hidden yet.
+    fn plot(&self, chain: &Chain, out: &mut Vec<Line>) {
         let places: Vec<Option<Sample>> = chain.points.iter().map(|p| self.place(p, chain.kind)).collect();
-        let whole = chain.closed && places.iter().all(Option::is_some);
+        let closed = chain.closed && places.iter().all(Option::is_some);
         for run in places.split(Option::is_none).filter(|r| r.len() > 1) {
-            let mut line: Vec<Sample> = run.iter().copied().flatten().collect();
-            if whole {
-                line.extend(line.first().copied());
+            let mut places: Vec<Sample> = run.iter().copied().flatten().collect();
+            if closed {
+                places.extend(places.first().copied());
             }
-            mark_corners(&mut line, whole);
-            let dense = self.dense(&line, chain.kind);
-            self.cut(dense, whole, chain.kind, out);
+            mark_corners(&mut places, closed);
+            out.push(Line { hidden: vec![None; places.len() - 1], places, closed, kind: chain.kind });
         }
     }
 
     /// Samples a pixel apart, as far as they may be in the picture.
-    fn dense(&self, line: &[Sample], kind: Kind) -> Vec<Sample> {
-        let margin = 4.0 * self.pen.outline.max(self.pen.inner) + 16.0;
-        let [w, h] = self.camera.size.map(|n| n as f64 + margin);
-        let outside = |a: Point, b: Point| a.x.max(b.x) < -margin || a.x.min(b.x) > w || a.y.max(b.y) < -margin || a.y.min(b.y) > h;
+    fn dense(&self, line: &Line) -> Vec<Sample> {
+        let kind = line.kind;
         let mut out: Vec<Sample> = Vec::new();
-        for pair in line.windows(2) {
+        for (pair, way) in line.places.windows(2).zip(&line.hidden) {
             let [a, b] = [pair[0], pair[1]];
-            let far = outside(a.at, b.at);
-            let hidden = if far { Vec::new() } else { self.hidden_of(a, b) };
-            let steps = if far { 1 } else { (a.at.distance(b.at) / STEP).ceil().clamp(1.0, 4096.0) as usize };
+            let hidden = way.as_deref().unwrap_or_default();
+            let steps = if way.is_none() { 1 } else { (a.at.distance(b.at) / STEP).ceil().clamp(1.0, 4096.0) as usize };
             // A point is seen where the line is on either of its sides.
             let seen = |t: f64| !hidden.iter().any(|p| p[0] <= t && t <= p[1]);
             match out.last_mut() {
@@ -145,13 +166,16 @@ impl Plotter<'_> {
         out
     }
 
-    /// The shares of the way from one point of a chain to the next that something hides.
-    fn hidden_of(&self, a: Sample, b: Sample) -> Vec<[f64; 2]> {
-        self.hidden.on_surface(
-            [a.edge, b.edge],
-            [a, b].map(|s| ([s.at.x, s.at.y], s.near)),
-            self.sight.least.max(1e3 * self.sight.small * self.pen.bias),
-        )
+    /// What hides the way from one place of a line to the next.
+    fn hidden_of(&self, a: Sample, b: Sample) -> Gaps {
+        let margin = 4.0 * self.pen.outline.max(self.pen.inner) + 16.0;
+        let [w, h] = self.camera.size.map(|n| n as f64 + margin);
+        let (p, q) = (a.at, b.at);
+        if p.x.max(q.x) < -margin || p.x.min(q.x) > w || p.y.max(q.y) < -margin || p.y.min(q.y) > h {
+            return None;
+        }
+        let slack = self.sight.least.max(1e3 * self.sight.small * self.pen.bias);
+        Some(self.hidden.on_surface([a.edge, b.edge], [a, b].map(|s| ([s.at.x, s.at.y], s.near)), slack))
     }
 
     /// Whether a sample is seen, and if not, what the depth buffer says of why.

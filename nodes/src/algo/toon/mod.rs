@@ -27,6 +27,7 @@ use super::surface::{Edge, Surface};
 use super::visibility::{Area, Depths, Sight, reference_of};
 use super::zbuffer::{Projected, project};
 use band::{Band, Look, Out, ROWS, reaching};
+use shade::Recent;
 
 /// How a surface is drawn.
 #[derive(Clone, Debug)]
@@ -83,10 +84,10 @@ fn draw(surface: &Surface, camera: &Camera, style: &Style<'_>) -> Render {
             let same = |a: u32, b: u32| tints.get(a as usize) == tints.get(b as usize);
             !(same(up[0], down[1]) && same(up[1], down[0]))
         };
-        let found = chains(surface, camera.toward(), lines, differ);
         let depths = Depths { near: &near.0, reference: near.1, area };
-        let sight = (Sight::new(surface, camera, depths), Hidden::new(surface, camera, &projected));
-        let strokes = ink::strokes(&found, sight, camera, &pen, &style.light);
+        let see = || (Sight::new(surface, camera, depths), Hidden::new(surface, camera, &projected));
+        let (found, sight) = both(style.threads, || chains(surface, camera.toward(), lines, differ), see);
+        let strokes = ink::strokes(&found, sight, camera, &pen, &style.light, style.threads);
         ink::lay(&strokes, pen.colour, width, &mut out.image, style.threads);
     }
     out
@@ -99,7 +100,7 @@ pub fn coverage(surface: &Surface, camera: &Camera) -> Vec<f32> {
     super::paint::coverage(&path, super::paint::FillRule::NonZero, camera.size[0], camera.size[1])
 }
 
-/// Draws all but the lines; gives the nearness of each pixel of the area, and what was subtracted from it.
+/// Draws all but the lines; gives the nearness of each pixel of the area, if there are to be lines, and what was subtracted from it.
 fn fill(surface: &Surface, camera: &Camera, style: &Style<'_>, projected: &Projected, area: Area, out: &mut Render) -> (Vec<f32>, f64) {
     let loops = if style.antialias { outline::outline(surface, projected, camera) } else { Vec::new() };
     let shader = shade::Shader {
@@ -118,17 +119,17 @@ fn fill(surface: &Surface, camera: &Camera, style: &Style<'_>, projected: &Proje
         antialias: style.antialias,
         reaching: reaching(projected, area),
     };
-    let mut near = vec![f32::NEG_INFINITY; area.width * area.height];
+    let mut near = vec![0.0; if style.lines.is_some() { area.width * area.height } else { 0 }];
+    let mut nears = near.chunks_mut(ROWS * area.width);
     let width = camera.size[0];
     let first = area.origin[1] * width;
     let end = first + area.height * width;
-    let jobs = near
-        .chunks_mut(ROWS * area.width)
-        .zip(out.image[4 * first..4 * end].chunks_mut(4 * ROWS * width))
+    let jobs = out.image[4 * first..4 * end]
+        .chunks_mut(4 * ROWS * width)
         .zip(out.depth[first..end].chunks_mut(ROWS * width).zip(out.id[first..end].chunks_mut(ROWS * width)))
         .enumerate();
-    let jobs = jobs.map(|(i, ((near, image), (depth, id)))| (i * ROWS, Out { near, image, depth, id, width })).collect();
-    on_threads(jobs, style.threads, |look: &mut Look, (top, out): (usize, Out<'_>)| band.draw(look, top, out));
+    let jobs = jobs.map(|(i, (image, (depth, id)))| (i * ROWS, Out { near: nears.next(), image, depth, id, width })).collect();
+    on_threads(jobs, style.threads, |state: &mut (Look, Recent), (top, out): (usize, Out<'_>)| band.draw(state, top, out));
     (near, band.reference)
 }
 
@@ -140,6 +141,18 @@ fn rows_of(height: usize, threads: usize) -> usize {
 
 fn thread_count(threads: usize) -> usize {
     if threads == 0 { std::thread::available_parallelism().map_or(1, usize::from) } else { threads }
+}
+
+/// Does two things, at once where there is more than one thread.
+fn both<A: Send, B>(threads: usize, a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B) -> (A, B) {
+    if thread_count(threads) < 2 {
+        return (a(), b());
+    }
+    std::thread::scope(|scope| {
+        let a = scope.spawn(a);
+        let b = b();
+        (a.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), b)
+    })
 }
 
 /// Does every job once, on up to `threads` threads, each of which has a state of its own.

@@ -69,7 +69,7 @@ pub(super) struct Shader<'a> {
 }
 
 /// What of a triangle does not change from pixel to pixel.
-pub(super) struct Shaded {
+struct Shaded {
     id: u32,
     /// The weight of each corner in the view's perspective, up to a factor that is the same for all three: a x + b y + c.
     weights: [[f64; 3]; 3],
@@ -91,20 +91,33 @@ impl Default for Shaded {
     }
 }
 
+/// The triangles that were shaded last: row by row, and sample by sample, the same ones come back.
+pub(super) struct Recent(Vec<Shaded>);
+
+/// How many of them: a power of two.
+const RECENT: usize = 256;
+
+impl Default for Recent {
+    fn default() -> Self {
+        Self(std::iter::repeat_with(Shaded::default).take(RECENT).collect())
+    }
+}
+
 impl Shader<'_> {
-    /// The colour of a triangle at a place of the screen, linear and opaque. `last` is what was prepared for the triangle before.
+    /// The colour of a triangle at a place of the screen, linear and opaque.
     #[inline]
-    pub(super) fn colour(&self, id: u32, x: f64, y: f64, last: &mut Shaded) -> [f32; 3] {
-        if last.id != id {
-            self.prepare(id, last);
+    pub(super) fn colour(&self, id: u32, x: f64, y: f64, recent: &mut Recent) -> [f32; 3] {
+        let shaded = &mut recent.0[id as usize % RECENT];
+        if shaded.id != id {
+            self.prepare(id, shaded);
         }
-        self.colour_of(last, x, y)
+        self.colour_of(shaded, x, y)
     }
 
     /// The colour of a triangle at the centre of a pixel.
     #[inline]
-    pub(super) fn at_centre(&self, id: u32, [x, y]: [usize; 2], last: &mut Shaded) -> [f32; 3] {
-        self.colour(id, x as f64 + 0.5, y as f64 + 0.5, last)
+    pub(super) fn at_centre(&self, id: u32, [x, y]: [usize; 2], recent: &mut Recent) -> [f32; 3] {
+        self.colour(id, x as f64 + 0.5, y as f64 + 0.5, recent)
     }
 
     fn prepare(&self, id: u32, to: &mut Shaded) {
@@ -116,7 +129,9 @@ impl Shader<'_> {
         let vertices = self.surface.triangles[source];
         let part = self.surface.part[source] as usize;
         (to.id, to.part) = (id, part);
-        to.normals = self.surface.normal_of[source].map(|n| self.surface.normals[n as usize] * side);
+        let [a, b, c] = self.surface.normal_of[source];
+        let normal = |n: u32| self.surface.normals[n as usize] * side;
+        to.normals = [normal(a), normal(b), normal(c)];
         let lens = if self.orthographic { [1.0; 3] } else { triangle.near };
         to.weights = planes(triangle, area, lens);
         let base = self.paint.base.get(part).copied().unwrap_or([1.0; 3]);
@@ -203,11 +218,12 @@ fn planes(triangle: &ScreenTriangle, area: f64, lens: [f64; 3]) -> [[f64; 3]; 3]
     let p = triangle.corners;
     // Over an area of which y runs up.
     let scale = if area == 0.0 { 0.0 } else { -1.0 / area };
-    [0, 1, 2].map(|i| {
+    let plane = |i: usize| {
         let (u, v, scale) = (p[(i + 1) % 3], p[(i + 2) % 3], scale * lens[i]);
         let (a, b) = (u[1] - v[1], v[0] - u[0]);
         [a * scale, b * scale, -(a * u[0] + b * u[1]) * scale]
-    })
+    };
+    [plane(0), plane(1), plane(2)]
 }
 
 /// True for a triangle less than an eighth of a pixel high; its corners are drawn up to 1/512 of a pixel from where they are.
