@@ -52,15 +52,17 @@ impl Ffd {
             let n = 1 + levels[1..].iter().take_while(|l| (sum + area(l) <= OPEN).then(|| sum += area(l)).is_some()).count();
             let (now, later) = levels.split_at(n);
             let now: Vec<Open> = now.iter().map(open).collect();
-            let straight = if self.combine == Combine::Added { &now[..] } else { &[] };
+            // Before the first level of all, rows are straight for those that are composed too.
+            let own = if self.combine == Combine::Added { now.len() } else { usize::from(levels.len() == self.levels.len()) };
+            let (straight, bent) = now.split_at(own);
             let columns: Vec<Columns> = straight.iter().map(|level| level.columns(start[0], width)).collect();
             let mut lines = vec![Vec::new(); straight.len()];
             let mut at = [vec![0.0; width.next_multiple_of(BLOCK)], vec![0.0; width.next_multiple_of(BLOCK)]];
             for (j, row) in out.chunks_exact_mut(width.max(1)).enumerate() {
                 let y = start[1] + j as f64;
-                match self.combine {
-                    Combine::Added => add_straight(&now, &columns, &mut lines, y, row),
-                    Combine::Composed => bend(&now, [start[0], y], &mut at, row),
+                add_straight(straight, &columns, &mut lines, y, row);
+                if !bent.is_empty() {
+                    bend(bent, [start[0], y], &mut at, row);
                 }
             }
             levels = later;
