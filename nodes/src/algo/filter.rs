@@ -188,10 +188,12 @@ impl Axis {
     fn new(n: usize, side: usize, outside: Outside, reach: f64, centre: impl Fn(usize) -> f64, kernel: impl Fn(f64) -> f64) -> Self {
         let mut axis = Self { first: Vec::with_capacity(n), starts: vec![0], weights: Vec::new() };
         let last = side as f64 - 1.0;
+        // Far out nothing changes any more; a whole number, as a narrow kernel may weigh nothing between samples.
+        let far = libm::ceil(reach) + 1.0;
         let mut least = 0;
         for i in 0..n {
             let centre = match outside {
-                Outside::Clamp => centre(i).clamp(-reach - 1.0, last + reach + 1.0),
+                Outside::Clamp => centre(i).clamp(-far, last + far),
                 Outside::Transparent => centre(i),
             };
             let (low, high) = (libm::ceil(centre - reach), libm::floor(centre + reach));

@@ -133,6 +133,20 @@ fn unsharp_undoes_nothing_on_flat_and_overshoots_at_edges() {
 }
 
 #[test]
+fn narrow_blurs_reach_beyond_the_picture() {
+    let data = picture(3, 2, 1);
+    let window = Window::new(-5, -4, 12, 9);
+    let near = |x: i64, n: i64| x.clamp(0, n - 1) as usize;
+    for sigma in [[0.0, 0.0], [0.005, 1e-9], [0.01, 0.03]] {
+        let found = blurred(source(&data, 3, 1), sigma, Outside::Clamp, window);
+        for (i, v) in found.iter().enumerate() {
+            let (x, y) = (window.x + (i % window.width) as i64, window.y + (i / window.width) as i64);
+            assert_eq!(*v, data[near(y, 2) * 3 + near(x, 3)], "sigma {sigma:?} at {x}, {y}");
+        }
+    }
+}
+
+#[test]
 fn refusals() {
     let mut out = [0.0; 1];
     let from = [0.0];
