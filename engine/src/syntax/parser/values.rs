@@ -217,6 +217,11 @@ impl Parser<'_> {
         self.finish(id);
     }
 
+    /// True where a value may follow what stands there, as `ron` has it once `Some` may be left out.
+    fn may_be_some(&self, at: usize) -> bool {
+        self.extensions.contains(Extensions::IMPLICIT_SOME) && &self.text[self.token_span(at).range()] == "Some"
+    }
+
     /// What the parentheses that open here hold: fields, when a name and a colon come first.
     fn items_in_parens(&self) -> Items {
         let mut first = self.next_index();
@@ -228,7 +233,9 @@ impl Parser<'_> {
         match self.kind_at(second) {
             Some(TokenKind::Colon) if is_name || self.kind_at(first) == Some(TokenKind::String) => Items::Fields,
             // A name right before a value or `=` is a field that lacks its colon; it can be nothing else.
-            Some(TokenKind::Eq | TokenKind::String | TokenKind::Number | TokenKind::LBracket | TokenKind::LBrace) if is_name => {
+            Some(TokenKind::Eq | TokenKind::String | TokenKind::Number | TokenKind::LBracket | TokenKind::LBrace)
+                if is_name && !self.may_be_some(first) =>
+            {
                 Items::Fields
             }
             _ => Items::Values,
