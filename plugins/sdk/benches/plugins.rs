@@ -20,6 +20,7 @@ use pegbar_engine::plugin::{
 use pegbar_engine::registry::{NodeType, Registry};
 use pegbar_engine::setting::Place;
 use pegbar_engine::value::{ValueRef, Vector};
+use sums::{SumsBlend, SumsJoin, SumsNext};
 
 #[allow(dead_code, unreachable_pub, unused_imports, reason = "the program's own file, of which this uses the allocator alone")]
 #[path = "../../../src/pool.rs"]
@@ -69,6 +70,11 @@ fn node(manifest: &Path, isolation: Isolation, id: &str) -> Result<NodeType, Box
     Ok(registry.get(id).ok_or("expected the node")?.clone())
 }
 
+/// The plugin's node built in, if it is one in Rust.
+fn built_in(id: &str) -> Option<NodeType> {
+    Registry::new().per_frame::<SumsNext>().per_frame::<SumsBlend>().per_frame::<SumsJoin>().get(id).cloned()
+}
+
 /// Values at all inputs that take some, `several` at one that takes a list, and the defaults of settings.
 fn args(node: &NodeType, value: &ValueRef, several: usize) -> Result<Vec<Arg>, Box<dyn Error>> {
     let one = |input: &InputSchema| -> Result<Arg, Box<dyn Error>> {
@@ -96,19 +102,12 @@ fn time(node: &NodeType, args: &[Arg], count: u32) -> Result<Duration, Box<dyn E
     Ok(began.elapsed() / count)
 }
 
-/// The least times of a task of a node, one for each way.
-fn least<const N: usize>(
-    ways: &[Isolation; N],
-    manifest: &Path,
-    (id, several): (&str, usize),
-    value: &ValueRef,
-    (count, rounds): (u32, u32),
-) -> Result<[Duration; N], Box<dyn Error>> {
-    let nodes = ways.iter().map(|way| node(manifest, way.clone(), id)).collect::<Result<Vec<_>, _>>()?;
+/// The least times of a task, one for each node.
+fn least(nodes: &[NodeType], several: usize, value: &ValueRef, (count, rounds): (u32, u32)) -> Result<Vec<Duration>, Box<dyn Error>> {
     let args = nodes.iter().map(|node| args(node, value, several)).collect::<Result<Vec<_>, _>>()?;
-    let mut least = [Duration::MAX; N];
+    let mut least = vec![Duration::MAX; nodes.len()];
     for _ in 0..rounds {
-        for ((least, node), args) in least.iter_mut().zip(&nodes).zip(&args) {
+        for ((least, node), args) in least.iter_mut().zip(nodes).zip(&args) {
             *least = (*least).min(time(node, args, count)?);
         }
     }
@@ -123,21 +122,28 @@ fn main() -> Result<(), Box<dyn Error>> {
     let ways = [Isolation::Off, Isolation::Auto, Isolation::Workers(Box::new(piped))];
     let numbers: ValueRef = Arc::new(Vector { values: vec![1.0, 2.0] });
     let calls = [
-        ("C, one input", &c, ("bench.next", 1)),
-        ("Rust, one input", &rust, ("sums.next", 1)),
-        ("Rust, six inputs", &rust, ("sums.blend", 1)),
-        ("Rust, six, a list in them", &rust, ("sums.join", 1)),
-        ("Rust, ten references", &rust, ("sums.join", 5)),
+        ("C, one input", &c, "bench.next", 1),
+        ("Rust, one input", &rust, "sums.next", 1),
+        ("Rust, six inputs", &rust, "sums.blend", 1),
+        ("Rust, six, a list in them", &rust, "sums.join", 1),
+        ("Rust, ten references", &rust, "sums.join", 5),
     ];
-    for (name, manifest, node) in calls {
-        let [here, there, piped] = least(&ways, manifest, node, &numbers, (200, 60))?;
-        println!("{name:<26} in process {here:>10.2?}   isolated {there:>10.2?}   over sockets {piped:>10.2?}");
+    for (name, manifest, id, several) in calls {
+        let mut nodes = ways.iter().map(|way| node(manifest, way.clone(), id)).collect::<Result<Vec<_>, _>>()?;
+        nodes.extend(built_in(id));
+        let times = least(&nodes, several, &numbers, (200, 60))?;
+        for (way, time) in ["in process", "isolated", "over sockets", "built in"].iter().zip(times) {
+            print!("{way} {time:>9.2?}   ");
+        }
+        println!("{name}");
     }
     // After the first node the memory that is shared is there.
     let data = (0..4 * 1080 * 1920).map(|i| (i % 1000) as f32 / 500.0).collect();
     let clip = Clip { planes: NdArray::new([4, 1080, 1920], data).ok_or("expected a picture")? };
     let picture: ValueRef = Arc::new(clip);
-    let [here, there, piped] = least(&ways, &c, ("bench.filter", 1), &picture, (1, 40))?;
+    let nodes = ways.iter().map(|way| node(&c, way.clone(), "bench.filter")).collect::<Result<Vec<_>, _>>()?;
+    let times = least(&nodes, 1, &picture, (1, 40))?;
+    let [here, there, piped] = times[..] else { return Err("expected three ways".into()) };
     let more = |time: Duration| 100.0 * (time.as_secs_f64() / here.as_secs_f64() - 1.0);
     let (isolated, sockets) = (more(there), more(piped));
     print!("{:<26} in process {here:>10.2?}   isolated {there:>10.2?} {isolated:+.1} %", "filter of 1920x1080x4");

@@ -17,7 +17,7 @@ struct Numbers {
 
 /// What all of them make.
 #[derive(Outputs)]
-struct One {
+pub struct One {
     /// What was made.
     value: Vector,
 }
@@ -34,7 +34,7 @@ enum Join {
 /// Joins whatever stands at its inputs.
 #[derive(Node)]
 #[node(id = "sums.join", version = 1, outputs = One)]
-struct SumsJoin {
+pub struct SumsJoin {
     /// Several.
     several: List<In<Vector>>,
     /// One that may be left out.
@@ -68,7 +68,7 @@ impl PerFrame for SumsJoin {
 /// One more than each number.
 #[derive(Node)]
 #[node(id = "sums.next", version = 1, outputs = One)]
-struct SumsNext {
+pub struct SumsNext {
     /// The numbers.
     value: In<Vector>,
 }
@@ -82,7 +82,7 @@ impl PerFrame for SumsNext {
 /// Blends two rows of numbers.
 #[derive(Node)]
 #[node(id = "sums.blend", version = 1, outputs = One)]
-struct SumsBlend {
+pub struct SumsBlend {
     /// The one.
     one: In<Vector>,
     /// The other.
