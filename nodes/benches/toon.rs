@@ -77,7 +77,7 @@ fn style(lines: bool, threads: usize) -> Style<'static> {
             shades,
             highlight: None,
         },
-        lines: lines.then_some((Lines { silhouettes: true, borders: true, crease: Some(0.7), seams: false }, pen)),
+        lines: lines.then_some((Lines { silhouettes: true, borders: true, crease: Some(0.7), seams: false, intersections: false }, pen)),
         round: None,
         antialias: lines,
         threads,

@@ -6,6 +6,7 @@
 use nalgebra::Vector3;
 
 use super::camera::Camera;
+use super::silhouette::Kind;
 use super::surface::Surface;
 use super::zbuffer::{Projected, ScreenTriangle};
 
@@ -71,7 +72,7 @@ impl<'a> Hidden<'a> {
     ///
     /// Along an edge the triangles at it hide nothing. Across a triangle the line stands for where the smooth surface turns: its neighbours stand before it
     /// by as much as they are flat and hide nothing, nor do others that are seen edge-on, up to the triangle's size.
-    pub fn on_surface(&self, edges: [[u32; 2]; 2], line: [Spot; 2], slack: f64) -> Vec<[f64; 2]> {
+    fn on_surface(&self, edges: [[u32; 2]; 2], line: [Spot; 2], slack: f64) -> Vec<[f64; 2]> {
         let mut ends = [edges[0][0], edges[0][1], edges[1][0], edges[1][1]];
         ends.sort_unstable_by_key(|v| self.surface.joined[*v as usize]);
         let joined = ends.map(|v| self.surface.joined[v as usize]);
@@ -87,6 +88,12 @@ impl<'a> Hidden<'a> {
             normal.dot(&toward).abs() < EDGE_ON * normal.norm() * toward.norm()
         };
         self.along(line, |t| (!joined.iter().any(|v| has(t, v))).then(|| if edge_on(t) { slack.max(size) } else { slack }))
+    }
+
+    /// What is hidden of a line of some kind on the surface. One where parts run through each other lies within triangles, and all others may hide it; for
+    /// the rest see [`Hidden::on_surface`].
+    pub fn of_kind(&self, kind: Kind, edges: [[u32; 2]; 2], line: [Spot; 2], slack: f64) -> Vec<[f64; 2]> {
+        if kind == Kind::Intersection { self.along(line, |_| Some(slack)) } else { self.on_surface(edges, line, slack) }
     }
 
     /// The parts of a line that triangles hide, as shares of its length on the screen: apart from each other, in their order. `slack` tells by how much a

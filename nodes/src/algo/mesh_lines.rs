@@ -203,7 +203,7 @@ impl View<'_> {
         let points: Vec<Point> = track.places.iter().map(|place| self.point(*place)).collect();
         let n = points.len();
         let ways = if track.closed { n } else { n - 1 };
-        let parts: Vec<Vec<[f64; 2]>> = (0..ways).map(|i| self.parts(&points[i], &points[(i + 1) % n])).collect();
+        let parts: Vec<Vec<[f64; 2]>> = (0..ways).map(|i| self.parts(track.kind, &points[i], &points[(i + 1) % n])).collect();
         // A point is seen where the line is on either of its sides.
         let before = |i: usize| if i > 0 { Some(i - 1) } else { track.closed.then_some(ways - 1) };
         let seen = |i: usize| {
@@ -241,13 +241,13 @@ impl View<'_> {
     }
 
     /// What is hidden of the way between two points; all of it where one is behind the camera.
-    fn parts(&self, a: &Point, b: &Point) -> Vec<[f64; 2]> {
+    fn parts(&self, kind: Kind, a: &Point, b: &Point) -> Vec<[f64; 2]> {
         if a.near.is_nan() || b.near.is_nan() {
             return vec![[0.0, 1.0]];
         }
         // A fair surface lies before and behind the mesh.
         let slack = if self.fair { 5.0 * self.sight.small } else { self.sight.least };
-        self.hidden.on_surface([a, b].map(|p| p.line.edge), [a, b].map(|p| (p.line.pixel, p.near)), slack)
+        self.hidden.of_kind(kind, [a, b].map(|p| p.line.edge), [a, b].map(|p| (p.line.pixel, p.near)), slack)
     }
 
     /// The point at a share of the way on the screen. Within a triangle it has the edge of the nearer end.

@@ -146,7 +146,7 @@ fn what_something_covers_is_not_seen() {
 #[test]
 fn creases_are_found_and_a_dense_search_ends_on_edges_of_the_mesh() {
     let (positions, triangles) = cube();
-    let lines = Lines { silhouettes: true, borders: true, crease: Some(0.7), seams: false };
+    let lines = Lines { silhouettes: true, borders: true, crease: Some(0.7), seams: false, intersections: false };
     let found = find(&positions, &triangles, &camera(0.5, 0.4, false), &Search { lines, ..search() }).unwrap();
     let ridge: usize = found.iter().filter(|l| l.kind == Kind::Crease).map(|l| l.points.len() - 1).sum();
     assert_eq!(ridge, 6, "three edges before, three behind, the other six are the outline");
@@ -158,6 +158,32 @@ fn creases_are_found_and_a_dense_search_ends_on_edges_of_the_mesh() {
     assert!(found.iter().flat_map(|l| &l.points).all(|p| is_edge(p.edge) && (0.0..=1.0).contains(&p.share)));
     let error = find(&positions, &triangles, &camera(0.5, 0.4, false), &Search { subdivide: 12, ..dense }).unwrap_err().to_string();
     assert!(error.starts_with("expected at most 4194304 triangles after subdivision"), "{error}");
+}
+
+#[test]
+fn where_a_ball_runs_through_a_cube_there_are_circles_seen_from_before() {
+    let (mut positions, mut triangles) = sphere(96, 64);
+    let (block, faces) = cube();
+    let n = positions.len() as u32;
+    positions.iter_mut().for_each(|p| *p = p.map(|v| v * 1.25));
+    positions.extend(block);
+    triangles.extend(faces.iter().map(|t| t.map(|v| v + n)));
+    let camera = camera(0.5, 0.4, false);
+    let lines = Lines { silhouettes: false, borders: false, crease: None, seams: false, intersections: true };
+    let found = find(&positions, &triangles, &camera, &Search { lines, ..search() }).unwrap();
+    assert_eq!(found.iter().map(|l| (l.kind, l.closed)).collect::<Vec<_>>(), [(Kind::Intersection, true); 6]);
+    let toward = camera.toward();
+    for line in &found {
+        // On the face that the circle lies in, of radius 0.75.
+        let axis = (0..3).find(|&k| line.points.iter().all(|p| (p.position[k].abs() - 1.0).abs() < 1e-9)).unwrap();
+        let face = toward(&line.points[0].position)[axis] * line.points[0].position[axis] > 0.0;
+        for p in &line.points {
+            assert!((p.position.norm() - 1.25).abs() < 3e-3);
+            let out = p.position.dot(&toward(&p.position));
+            assert!(!p.visible || face && out > -0.05, "{}", p.position);
+            assert!(p.visible || !face || out < 0.05, "{}", p.position);
+        }
+    }
 }
 
 #[test]

@@ -16,6 +16,7 @@ pub mod compatible;
 pub mod contacts;
 pub mod correspond;
 pub mod creature;
+pub mod crossings;
 pub mod curve_bend;
 pub mod curve_trace;
 pub mod dtw;

@@ -1,4 +1,4 @@
-//! Silhouettes, creases and borders of a surface as chains of points on its edges.
+//! Silhouettes, creases, borders and intersections of a surface as chains of points on its edges.
 //!
 //! Edges between front and back faces zig-zag over the surface. Instead g(p) = n(p) · (eye − p) is interpolated over each triangle from its
 //! corners, and its zero set is followed: Hertzmann and Zorin, *Illustrating smooth surfaces*, SIGGRAPH 2000, section 4.1. Its points lie on
@@ -9,6 +9,7 @@
 
 use nalgebra::Vector3;
 
+use super::crossings::{Crossing, crossings};
 use super::surface::{Edge, NONE, Surface};
 
 /// What a line shows.
@@ -22,6 +23,8 @@ pub enum Kind {
     Crease,
     /// Where two meshes, or two colours, meet.
     Seam,
+    /// Where the surface runs through itself.
+    Intersection,
 }
 
 /// A point on an edge.
@@ -61,16 +64,18 @@ pub struct Lines {
     pub crease: Option<f64>,
     /// Edges where meshes or colours meet.
     pub seams: bool,
+    /// Where parts run through each other.
+    pub intersections: bool,
 }
 
 impl Default for Lines {
     fn default() -> Self {
-        Self { silhouettes: true, borders: true, crease: Some(60_f64.to_radians()), seams: true }
+        Self { silhouettes: true, borders: true, crease: Some(60_f64.to_radians()), seams: true, intersections: false }
     }
 }
 
 /// The lines of a surface as seen from where `toward` points, from each of its points. Order and points depend on the surface alone. Visibility is not
-/// looked at. `is_seam` says of an edge whether two colours meet there. Cost: O(n).
+/// looked at. `is_seam` says of an edge whether two colours meet there. Cost: O(n), of intersections as of [`crossings`].
 pub fn chains(
     surface: &Surface,
     toward: impl Fn(&Vector3<f64>) -> Vector3<f64>,
@@ -99,6 +104,10 @@ pub fn chains(
         let cos = libm::cos(angle);
         let crease = |e: &Edge| e.bend < cos && !(lines.seams && seam(e)) && !(lines.silhouettes && finder.is_silhouette(e));
         finder.join(Kind::Crease, whole(&crease), &mut out);
+    }
+    if lines.intersections {
+        let (points, links) = crossings(surface);
+        join(Kind::Intersection, links, |node| finder.crossed(&points[node as usize]), &mut out);
     }
     out
 }
@@ -244,46 +253,54 @@ impl<'a> Finder<'a> {
         }
     }
 
-    /// Puts links together to chains that are as long as they can be, ends and forks first.
     fn join(&self, kind: Kind, links: Vec<[u32; 2]>, out: &mut Vec<Chain>) {
-        let mut at: Vec<(u32, u32)> = Vec::with_capacity(2 * links.len());
-        for (i, link) in links.iter().enumerate().filter(|(_, l)| l[0] != l[1]) {
-            at.extend(link.map(|node| (node, i as u32)));
-        }
-        at.sort_unstable();
-        let mut used = vec![false; links.len()];
-        let mut walk = |start: u32, first: u32| {
-            let (mut nodes, mut link) = (vec![start], first);
-            while !std::mem::replace(&mut used[link as usize], true) {
-                let here = nodes[nodes.len() - 1];
-                let [a, b] = links[link as usize];
-                let there = if a == here { b } else { a };
-                nodes.push(there);
-                let meeting = around(&at, there);
-                if meeting.len() != 2 || there == start {
-                    break;
-                }
-                link = if meeting[0].1 == link { meeting[1].1 } else { meeting[0].1 };
-            }
-            if nodes.len() > 1 {
-                out.push(self.chain(kind, nodes));
-            }
-        };
-        for loops in [false, true] {
-            for &(node, link) in &at {
-                if loops || around(&at, node).len() != 2 {
-                    walk(node, link);
-                }
-            }
-        }
+        join(kind, links, |node| self.point(node), out);
     }
 
-    fn chain(&self, kind: Kind, mut nodes: Vec<u32>) -> Chain {
-        let closed = nodes.len() > 3 && nodes.first() == nodes.last();
-        if closed {
-            nodes.pop();
+    fn crossed(&self, at: &Crossing) -> EdgePoint {
+        let [a, b] = at.vertices.map(|v| self.surface.positions[v as usize]);
+        let [na, nb] = at.normals.map(|n| self.normals[n as usize]);
+        let position = a + (b - a) * at.t;
+        let normal = (na + (nb - na) * at.t).try_normalize(1e-12).unwrap_or(na);
+        EdgePoint { vertices: at.vertices, t: at.t, position, smooth: position, normal }
+    }
+}
+
+/// Puts links together to chains that are as long as they can be, ends and forks first.
+fn join(kind: Kind, links: Vec<[u32; 2]>, point: impl Fn(u32) -> EdgePoint, out: &mut Vec<Chain>) {
+    let mut at: Vec<(u32, u32)> = Vec::with_capacity(2 * links.len());
+    for (i, link) in links.iter().enumerate().filter(|(_, l)| l[0] != l[1]) {
+        at.extend(link.map(|node| (node, i as u32)));
+    }
+    at.sort_unstable();
+    let mut used = vec![false; links.len()];
+    let mut walk = |start: u32, first: u32| {
+        let (mut nodes, mut link) = (vec![start], first);
+        while !std::mem::replace(&mut used[link as usize], true) {
+            let here = nodes[nodes.len() - 1];
+            let [a, b] = links[link as usize];
+            let there = if a == here { b } else { a };
+            nodes.push(there);
+            let meeting = around(&at, there);
+            if meeting.len() != 2 || there == start {
+                break;
+            }
+            link = if meeting[0].1 == link { meeting[1].1 } else { meeting[0].1 };
         }
-        Chain { kind, closed, points: nodes.into_iter().map(|n| self.point(n)).collect() }
+        if nodes.len() > 1 {
+            let closed = nodes.len() > 3 && nodes.first() == nodes.last();
+            if closed {
+                nodes.pop();
+            }
+            out.push(Chain { kind, closed, points: nodes.into_iter().map(&point).collect() });
+        }
+    };
+    for loops in [false, true] {
+        for &(node, link) in &at {
+            if loops || around(&at, node).len() != 2 {
+                walk(node, link);
+            }
+        }
     }
 }
 

@@ -50,7 +50,7 @@ fn the_silhouette_of_a_cube_runs_along_its_edges() {
 fn where_three_sheets_meet_a_silhouette_has_all_of_them_on_one_side() {
     let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 1.0]];
     let fan = surface(&(positions, vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]]), 60.0);
-    let lines = Lines { silhouettes: true, borders: false, crease: None, seams: false };
+    let lines = Lines { silhouettes: true, borders: false, crease: None, seams: false, intersections: false };
     for (eye, count) in [([0.5, -1.0, 9.0], 1), ([0.5, 9.0, -1.0], 1), ([0.5, -5.0, 9.0], 1), ([0.5, 9.0, 5.0], 0)] {
         let found = chains(&fan, from(eye), lines, |_| false);
         let along = found.iter().filter(|c| c.points.iter().map(|p| p.vertices).eq([[0, 0], [1, 1]])).count();
@@ -76,7 +76,12 @@ fn silhouettes_of_closed_surfaces_are_closed() {
         for k in 0..7 {
             let angle = f64::from(k) * 0.9 + 0.05;
             let eye = [5.0 * angle.cos(), 3.0 * (angle * 1.7).sin(), 5.0 * angle.sin()];
-            let found = chains(&solid, from(eye), Lines { borders: false, crease: None, seams: false, silhouettes: true }, |_| false);
+            let found = chains(
+                &solid,
+                from(eye),
+                Lines { borders: false, crease: None, seams: false, intersections: false, silhouettes: true },
+                |_| false,
+            );
             assert!(!found.is_empty() && found.iter().all(|c| c.closed), "{hard} from {eye:?}");
         }
     }

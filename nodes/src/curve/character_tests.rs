@@ -237,6 +237,7 @@ fn characters_that_were_drawn_over_are_traced_corresponded_and_posed() {
             silhouettes: true,
             borders: true,
             crease_deg: 180.0,
+            intersections: false,
             hard_deg: 60.0,
             subdivide: 0,
             smooth: 0,

@@ -18,7 +18,7 @@ pub struct Curves {
     /// Number of each curve, the same over all frames of a stream.
     #[value(shape = "[c]")]
     pub ids: Vec<i64>,
-    /// What each curve shows: 0 drawn, 1 silhouette, 2 border, 3 crease, 4 seam, 5 feature.
+    /// What each curve shows: 0 drawn, 1 silhouette, 2 border, 3 crease, 4 seam, 5 feature, 6 intersection.
     #[value(shape = "[c]")]
     pub kinds: Vec<u8>,
     /// 1 for each point that is seen, 0 where something hides it.
@@ -99,8 +99,8 @@ impl Curves {
         if edges != shares || (edges != 0 && edges != n) {
             return Err(format!("expected edges and shares for each of {n} points or none, found {edges} and {shares}"));
         }
-        match self.kinds.iter().find(|k| **k > 5) {
-            Some(kind) => Err(format!("expected kinds from 0 to 5, found {kind}")),
+        match self.kinds.iter().find(|k| **k > 6) {
+            Some(kind) => Err(format!("expected kinds from 0 to 6, found {kind}")),
             None => Ok(()),
         }
     }
@@ -126,7 +126,7 @@ mod tests {
             own.validate().unwrap_err()
         };
         assert_eq!(broken(|c| c.lengths[0] = 4), "expected lengths that add up to 5 points, found 6");
-        assert_eq!(broken(|c| c.kinds[1] = 9), "expected kinds from 0 to 5, found 9");
+        assert_eq!(broken(|c| c.kinds[1] = 9), "expected kinds from 0 to 6, found 9");
         assert_eq!(broken(|c| c.shares = vec![0.0; 5]), "expected edges and shares for each of 5 points or none, found 0 and 5");
         assert_eq!(broken(|c| c.ids.clear()), "expected closed, ids and kinds for each of 2 curves, found 2, 0 and 2");
         assert_eq!(broken(|c| c.visible.clear()), "expected visible for each of 5 points, found 0");

@@ -1,4 +1,4 @@
-//! `mesh.silhouette`: silhouettes, borders and creases of a mesh as chains of points on its edges.
+//! `mesh.silhouette`: silhouettes, borders, creases and intersections of a mesh as chains of points on its edges.
 //!
 //! **Method** the zero set of n · v, interpolated over each triangle ([`crate::algo::silhouette`]): smooth chains whose points lie on edges. What is
 //! hidden of them is exact ([`crate::algo::hidden`]): a line has a point more where it goes behind something. Where the mesh is coarse or rough, lines are
@@ -24,7 +24,7 @@ use crate::algo::silhouette::{Kind, Lines};
 use crate::data::{Camera, Curves, Mesh};
 use crate::render::{limited, seen_by};
 
-/// Silhouettes, borders and creases of a mesh as chains of points on its edges.
+/// Silhouettes, borders, creases and intersections of a mesh as chains of points on its edges.
 ///
 /// The longest on the screen come first. A line keeps its number over time, as long as most of it lies along what it was.
 #[derive(Node)]
@@ -50,6 +50,9 @@ pub(crate) struct MeshSilhouette {
     /// Edges bent by more than this are creases. 180 finds none.
     #[input(default = 40.0, range = 0.0..=180.0, unit = "°")]
     pub(crate) crease_deg: f64,
+    /// Find where parts of the mesh run through each other.
+    #[input(default = false)]
+    pub(crate) intersections: bool,
     /// Edges bent by more than this break the surface: a silhouette then runs along them. 0 does so everywhere, 180 nowhere.
     #[input(default = 60.0, range = 0.0..=180.0, unit = "°")]
     pub(crate) hard_deg: f64,
@@ -103,11 +106,11 @@ pub(crate) struct LineState {
     next: i64,
 }
 
-const KINDS: [Kind; 4] = [Kind::Silhouette, Kind::Border, Kind::Crease, Kind::Seam];
+/// Kinds and their numbers in [`Curves::kinds`].
+const KINDS: [(Kind, u8); 5] = [(Kind::Silhouette, 1), (Kind::Border, 2), (Kind::Crease, 3), (Kind::Seam, 4), (Kind::Intersection, 6)];
 
-/// The number of a kind in [`Curves::kinds`].
 fn code(kind: Kind) -> u8 {
-    KINDS.iter().position(|k| *k == kind).map_or(0, |i| i as u8 + 1)
+    KINDS.iter().find(|k| k.0 == kind).map_or(0, |k| k.1)
 }
 
 impl LineState {
@@ -124,7 +127,7 @@ impl LineState {
                 let (a, b) = (at(a)?, at(b)?);
                 Some(a + (b - a) * *self.shares.get(i)?)
             };
-            if let (Some(positions), Some(&kind)) = (range.map(point).collect(), KINDS.get((kind as usize).wrapping_sub(1))) {
+            if let (Some(positions), Some(&(kind, _))) = (range.map(point).collect(), KINDS.iter().find(|k| k.1 == kind)) {
                 out.push(Known { id, kind, positions });
             }
         }
@@ -139,6 +142,7 @@ impl MeshSilhouette {
             borders: self.borders,
             crease: (self.crease_deg < 180.0).then(|| self.crease_deg.to_radians()),
             seams: false,
+            intersections: self.intersections,
         };
         let search = Search { lines, hard: self.hard_deg.to_radians(), subdivide: self.subdivide, smooth: self.smooth };
         let mut found =

@@ -34,6 +34,7 @@ fn node(mesh: Mesh) -> MeshSilhouette {
         silhouettes: true,
         borders: true,
         crease_deg: 180.0,
+        intersections: false,
         hard_deg: 60.0,
         subdivide: 0,
         smooth: 0,

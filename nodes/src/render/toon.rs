@@ -1,7 +1,7 @@
 //! `render.toon`: meshes in flat bands of light with ink lines, as a camera sees them.
 //!
-//! **Method** see [`crate::algo::toon`]: exact coverage, bands of light, silhouettes along the zero set of n · v, creases, borders and seams; coarse
-//! meshes are rounded where their silhouettes would show it.
+//! **Method** see [`crate::algo::toon`]: exact coverage, bands of light, silhouettes along the zero set of n · v, creases, borders, seams and, if asked
+//! for, where parts run through each other ([`crate::algo::crossings`]); coarse meshes are rounded where their silhouettes would show it.
 //!
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, section 4 (its renderer); Hertzmann and Zorin, *Illustrating
 //! smooth surfaces*, 2000 (its lines).
@@ -96,7 +96,7 @@ pub(crate) struct RenderToon {
     /// Width of silhouettes and borders. 0 draws none.
     #[input(default = 3.0, range = 0.0..=1000.0, unit = "px")]
     outline_width: f64,
-    /// Width of creases and seams. 0 draws none.
+    /// Width of creases, seams and intersections. 0 draws none.
     #[input(default = 2.0, range = 0.0..=1000.0, unit = "px")]
     crease_width: f64,
     /// Edges bent by more than this are drawn. 180 draws none.
@@ -111,6 +111,9 @@ pub(crate) struct RenderToon {
     /// Draw where meshes, or colours of one mesh, meet.
     #[input(default = true)]
     seams: bool,
+    /// Draw where meshes, or parts of one, run through each other: a leg in a shoe, a tree in the ground.
+    #[input(default = false)]
+    intersections: bool,
     /// Colour of the lines.
     #[input(default = (0.1, 0.08, 0.07), range = 0.0..=1.0)]
     ink_color: [f64; 3],
@@ -220,6 +223,7 @@ impl RenderToon {
             borders: outlines && self.borders,
             crease: (inner && self.crease_deg < 180.0).then(|| self.crease_deg.to_radians()),
             seams: inner && self.seams,
+            intersections: inner && self.intersections,
         };
         let pen = Pen {
             outline: self.outline_width,

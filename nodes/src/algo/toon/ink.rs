@@ -26,7 +26,7 @@ const MOST: usize = 1 << 16;
 pub struct Pen {
     /// Width of silhouettes and borders, pixels.
     pub outline: f64,
-    /// Width of creases and seams, pixels.
+    /// Width of creases, seams and intersections, pixels.
     pub inner: f64,
     /// Over how many pixels a line that ends of itself thins out to nothing.
     pub taper: f64,
@@ -97,12 +97,12 @@ pub(super) fn strokes<'a>(
     let plotter = Plotter { camera, sight, hidden, pen, light };
     let mut lines = Vec::new();
     chains.iter().for_each(|chain| plotter.plot(chain, &mut lines));
-    let jobs = lines.iter_mut().flat_map(|Line { places, hidden, .. }| {
-        let places = &*places;
-        hidden.chunks_mut(WAYS).enumerate().map(move |(i, ways)| (&places[i * WAYS..], ways))
+    let jobs = lines.iter_mut().flat_map(|Line { places, hidden, kind, .. }| {
+        let (places, kind) = (&*places, *kind);
+        hidden.chunks_mut(WAYS).enumerate().map(move |(i, ways)| (kind, &places[i * WAYS..], ways))
     });
-    on_threads(jobs.collect(), threads, |(): &mut (), (places, ways): (&[Sample], &mut [Gaps])| {
-        places.windows(2).zip(ways).for_each(|(ends, way)| *way = plotter.hidden_of(ends[0], ends[1]));
+    on_threads(jobs.collect(), threads, |(): &mut (), (kind, places, ways): (Kind, &[Sample], &mut [Gaps])| {
+        places.windows(2).zip(ways).for_each(|(ends, way)| *way = plotter.hidden_of(kind, ends[0], ends[1]));
     });
     let mut out = Vec::new();
     for line in &lines {
@@ -167,7 +167,7 @@ impl Plotter<'_> {
     }
 
     /// What hides the way from one place of a line to the next.
-    fn hidden_of(&self, a: Sample, b: Sample) -> Gaps {
+    fn hidden_of(&self, kind: Kind, a: Sample, b: Sample) -> Gaps {
         let margin = 4.0 * self.pen.outline.max(self.pen.inner) + 16.0;
         let [w, h] = self.camera.size.map(|n| n as f64 + margin);
         let (p, q) = (a.at, b.at);
@@ -175,7 +175,7 @@ impl Plotter<'_> {
             return None;
         }
         let slack = self.sight.least.max(1e3 * self.sight.small * self.pen.bias);
-        Some(self.hidden.on_surface([a.edge, b.edge], [a, b].map(|s| ([s.at.x, s.at.y], s.near)), slack))
+        Some(self.hidden.of_kind(kind, [a.edge, b.edge], [a, b].map(|s| ([s.at.x, s.at.y], s.near)), slack))
     }
 
     /// Whether a sample is seen, and if not, what the depth buffer says of why.

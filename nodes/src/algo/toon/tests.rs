@@ -226,6 +226,42 @@ fn hidden_lines_are_not_drawn() {
 }
 
 #[test]
+fn two_balls_that_run_through_each_other_have_a_line_where_it_is_seen() {
+    let shift = Vector3::new(0.5, 0.2, 0.6);
+    let (ball, mut other) = (sphere(120, 90), sphere(110, 80));
+    other.0.iter_mut().for_each(|p| *p = [0, 1, 2].map(|k| p[k] * 0.8 + shift[k]));
+    let drawn = |intersections: bool| {
+        let lines = Lines { silhouettes: false, borders: false, crease: None, seams: false, intersections };
+        let pen = Pen { thin_far: 0.0, weight: 0.0, taper: 0.0, ..INK };
+        render(surface(&[&ball, &other]), &flat(), Style { lines: Some((lines, pen)), ..style() })
+    };
+    let (with, without) = (drawn(true), drawn(false));
+    let ink: Vec<f32> = with.image.chunks_exact(4).zip(without.image.chunks_exact(4)).map(|(a, b)| worst(a, b)).collect();
+    // The circle on both: centre and radius by the cosine rule. A place of it is seen where both balls face the eye, and the one does not hide it.
+    let far = shift.norm();
+    let along = (far * far + 1.0 - 0.64) / (2.0 * far);
+    let radius = (1.0 - along * along).sqrt();
+    let axis = shift / far;
+    let u = axis.cross(&Vector3::z()).normalize();
+    let v = axis.cross(&u);
+    let circle = (0..720).map(|k| {
+        let (s, c) = (f64::from(k) / 2.0).to_radians().sin_cos();
+        axis * along + (u * c + v * s) * radius
+    });
+    let seen: Vec<([f64; 2], f64)> = circle.map(|p| ([60.0 + 40.0 * p.x, 50.0 - 40.0 * p.y], p.z.min((p.z - shift.z) / 0.8))).collect();
+    assert!(seen.iter().any(|s| s.1 > 0.3) && seen.iter().any(|s| s.1 < -0.3));
+    for (at, facing) in &seen {
+        let found = ink[at[1].floor() as usize * 120 + at[0].floor() as usize];
+        assert!(*facing < 0.05 || found > 0.4, "gap at {at:?}");
+    }
+    for (i, _) in ink.iter().enumerate().filter(|(_, ink)| **ink > 0.05) {
+        let at = [(i % 120) as f64 + 0.5, (i / 120) as f64 + 0.5];
+        let near = |s: &([f64; 2], f64)| s.1 > -0.05 && (s.0[0] - at[0]).hypot(s.0[1] - at[1]) < 2.5;
+        assert!(seen.iter().any(near), "blot at {at:?}");
+    }
+}
+
+#[test]
 fn bits_do_not_depend_on_threads() {
     let mut block = cube();
     block.0.iter_mut().for_each(|p| *p = [p[0] * 0.6 + 0.5, p[1] * 0.6, p[2] * 0.6 + 0.4]);
