@@ -112,6 +112,26 @@ pub fn chains(
     out
 }
 
+/// The edges between triangles that face the eye and triangles that do not: where the mesh itself ends, however round what it stands for. Cost: O(n).
+pub fn folds(surface: &Surface, toward: impl Fn(&Vector3<f64>) -> Vector3<f64>) -> Vec<Chain> {
+    let place = |joined: u32| {
+        let vertex = surface.first[joined as usize];
+        (vertex, surface.positions[vertex as usize])
+    };
+    let facing = |half: u32| {
+        let t = half as usize / 3;
+        surface.area_vector(t).dot(&toward(&place(surface.corners(t)[0]).1)) >= 0.0
+    };
+    let is_fold = |e: &&Edge| !e.sides.contains(&NONE) && facing(e.sides[0]) != facing(e.sides[1]);
+    let point = |joined: u32| {
+        let (vertex, position) = place(joined);
+        EdgePoint { vertices: [vertex; 2], t: 0.0, position, smooth: position, normal: Vector3::zeros() }
+    };
+    let mut out = Vec::new();
+    join(Kind::Silhouette, surface.edges.iter().filter(is_fold).map(|e| e.ends).collect(), point, &mut out);
+    out
+}
+
 /// The zero set in the making. Its nodes are the half-edges (3 t + k) that g changes sign on, one of both where g is the same on both sides, and after
 /// them the joined vertices.
 struct Finder<'a> {

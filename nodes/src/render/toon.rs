@@ -56,7 +56,7 @@ pub(crate) struct Rendered {
 #[derive(Node)]
 #[node(
     id = "render.toon",
-    version = 3,
+    version = 4,
     outputs = Rendered,
     source = "Li, Gleicher, Xu, Shum 2003, section 4; Hertzmann, Zorin 2000",
     example = "\"toon\": (type: \"render.toon\", mesh: \"@skin\", camera: \"@camera\", colors: [(0.9, 0.55, 0.2)], outline_width: 3.0)"

@@ -15,6 +15,9 @@ const STEP: f64 = 1.0;
 /// Gaps shorter than this many pixels are specks to the eye.
 const GAP: f64 = 2.0;
 
+/// Ink that closes a gap of the outermost outline begins this many pixels before it.
+const LAP: usize = 4;
+
 /// Pieces shorter than so many widths of the pen are dots, not lines.
 const DOT: f64 = 3.0;
 
@@ -44,6 +47,8 @@ pub struct Pen {
 pub(super) struct Stroke {
     path: BezPath,
     rows: [f64; 2],
+    /// Along its middle.
+    places: Vec<Point>,
 }
 
 /// A place along a chain on the screen.
@@ -85,9 +90,9 @@ struct Plotter<'a> {
     light: &'a Light,
 }
 
-/// The visible parts of chains as strokes, in their order.
+/// The visible parts of chains as strokes, in their order; then those of `folds`, along which the mesh ends, that are outermost and have no ink beside them.
 pub(super) fn strokes<'a>(
-    chains: &[Chain],
+    (chains, folds): (&[Chain], &[Chain]),
     (sight, hidden): (Sight<'a>, Hidden<'a>),
     camera: &'a Camera,
     pen: &'a Pen,
@@ -108,6 +113,7 @@ pub(super) fn strokes<'a>(
     for line in &lines {
         plotter.cut(plotter.dense(line), line.closed, line.kind, &mut out);
     }
+    plotter.close(folds, &mut out);
     out
 }
 
@@ -166,12 +172,16 @@ impl Plotter<'_> {
         out
     }
 
-    /// What hides the way from one place of a line to the next.
-    fn hidden_of(&self, kind: Kind, a: Sample, b: Sample) -> Gaps {
+    /// True where the picture has nothing of the way from one place to the next.
+    fn is_away(&self, a: Point, b: Point) -> bool {
         let margin = 4.0 * self.pen.outline.max(self.pen.inner) + 16.0;
         let [w, h] = self.camera.size.map(|n| n as f64 + margin);
-        let (p, q) = (a.at, b.at);
-        if p.x.max(q.x) < -margin || p.x.min(q.x) > w || p.y.max(q.y) < -margin || p.y.min(q.y) > h {
+        a.x.max(b.x) < -margin || a.x.min(b.x) > w || a.y.max(b.y) < -margin || a.y.min(b.y) > h
+    }
+
+    /// What hides the way from one place of a line to the next.
+    fn hidden_of(&self, kind: Kind, a: Sample, b: Sample) -> Gaps {
+        if self.is_away(a.at, b.at) {
             return None;
         }
         let slack = self.sight.least.max(1e3 * self.sight.small * self.pen.bias);
@@ -223,6 +233,34 @@ impl Plotter<'_> {
         }
     }
 
+    /// Adds strokes where the outermost outline has none: a coarse mesh reaches beyond, and then hides, the line of the smooth surface that it stands for.
+    fn close(&self, folds: &[Chain], out: &mut Vec<Stroke>) {
+        let inked = Inked::new(self.camera.size, out, self.pen.outline);
+        let mut lines = Vec::new();
+        folds.iter().for_each(|chain| self.plot(chain, &mut lines));
+        for mut line in lines {
+            let ways = line.places.windows(2).map(|p| (!self.is_away(p[0].at, p[1].at)).then(Vec::new));
+            line.hidden = ways.collect();
+            let mut samples = self.dense(&line);
+            let mut bare: Vec<bool> = samples.iter().map(|s| self.is_rim(s) && inked.is_bare(s.at)).collect();
+            let mut start = 0;
+            for same in bare.clone().chunk_by(|a, b| a == b) {
+                let end = start + same.len();
+                if same[0] && (same.len() as f64) < GAP {
+                    bare[start..end].fill(false);
+                }
+                start = end;
+            }
+            if bare.contains(&true) {
+                for (i, s) in samples.iter_mut().enumerate() {
+                    let near = bare[i.saturating_sub(LAP)..bare.len().min(i + LAP + 1)].contains(&true);
+                    s.seen = if near { Seen::Yes } else { Seen::Covered };
+                }
+                self.cut(samples, line.closed, line.kind, out);
+            }
+        }
+    }
+
     /// Adds one stroke; `lifted` says at which ends it thins out.
     fn stroke(&self, line: &[Sample], closed: bool, lifted: [bool; 2], kind: Kind, out: &mut Vec<Stroke>) {
         let mut points = thinned(line, closed);
@@ -247,8 +285,43 @@ impl Plotter<'_> {
         let path = ink_widths(&places, &widths, closed);
         if !path.elements().is_empty() {
             let bounds = path.bounding_box();
-            out.push(Stroke { rows: [bounds.y0, bounds.y1], path });
+            out.push(Stroke { rows: [bounds.y0, bounds.y1], path, places });
         }
+    }
+}
+
+/// The pixels that the middles of strokes run through.
+struct Inked {
+    size: [usize; 2],
+    pixels: Vec<bool>,
+    /// Pixels from the middle of a stroke that it still has ink for.
+    reach: usize,
+}
+
+impl Inked {
+    fn new(size: [usize; 2], strokes: &[Stroke], width: f64) -> Self {
+        let mut inked = Self { size, pixels: vec![false; size[0] * size[1]], reach: (width / 2.0).ceil() as usize };
+        for pair in strokes.iter().flat_map(|s| s.places.windows(2)) {
+            let steps = pair[0].distance(pair[1]).ceil().clamp(1.0, 64.0) as usize;
+            for k in 0..=steps {
+                let p = pair[0].lerp(pair[1], k as f64 / steps as f64);
+                if p.x >= 0.0 && p.y >= 0.0 && p.x < size[0] as f64 && p.y < size[1] as f64 {
+                    inked.pixels[p.y as usize * size[0] + p.x as usize] = true;
+                }
+            }
+        }
+        inked
+    }
+
+    /// True where no stroke is near a place well inside of the picture.
+    fn is_bare(&self, at: Point) -> bool {
+        let ([w, h], reach) = (self.size, self.reach);
+        let least = reach as f64;
+        if !(at.x >= least && at.y >= least && at.x + least + 1.0 < w as f64 && at.y + least + 1.0 < h as f64) {
+            return false;
+        }
+        let (x, y) = (at.x as usize, at.y as usize);
+        (y - reach..=y + reach).all(|y| !self.pixels[y * w + x - reach..=y * w + x + reach].contains(&true))
     }
 }
 

@@ -22,7 +22,7 @@ pub use texture::Texture;
 use super::camera::Camera;
 use super::hidden::Hidden;
 use super::refine::refine;
-use super::silhouette::{Lines, chains};
+use super::silhouette::{Lines, chains, folds};
 use super::surface::{Edge, Surface};
 use super::visibility::{Area, Depths, Sight, reference_of};
 use super::zbuffer::{Projected, project};
@@ -86,8 +86,9 @@ fn draw(surface: &Surface, camera: &Camera, style: &Style<'_>) -> Render {
         };
         let depths = Depths { near: &near.0, reference: near.1, area };
         let see = || (Sight::new(surface, camera, depths), Hidden::new(surface, camera, &projected));
-        let (found, sight) = both(style.threads, || chains(surface, camera.toward(), lines, differ), see);
-        let strokes = ink::strokes(&found, sight, camera, &pen, &style.light, style.threads);
+        let ends = || if lines.silhouettes { folds(surface, camera.toward()) } else { Vec::new() };
+        let ((found, ends), sight) = both(style.threads, || (chains(surface, camera.toward(), lines, differ), ends()), see);
+        let strokes = ink::strokes((&found, &ends), sight, camera, &pen, &style.light, style.threads);
         ink::lay(&strokes, pen.colour, width, &mut out.image, style.threads);
     }
     out

@@ -212,6 +212,47 @@ fn the_outline_of_a_sphere_is_a_ring_of_ink() {
 }
 
 #[test]
+fn the_outermost_outline_of_coarse_meshes_has_no_gap() {
+    // Lumps, every other triangle of which is flat, and the rest as round as they are: where both meet a line leaves the edge, and goes where it is hidden.
+    let lump = |around: u32, up: u32, by: f64| {
+        let (mut round, triangles) = sphere(around, up);
+        for (i, p) in round.iter_mut().enumerate() {
+            let r = 1.0 + 0.25 * libm::sin(by * (i * i) as f64);
+            *p = p.map(|v| v * r);
+        }
+        let (mut positions, mut normals) = (Vec::<[f64; 3]>::new(), Vec::<[f64; 3]>::new());
+        for (n, t) in triangles.iter().enumerate() {
+            let corners = t.map(|v| Vector3::from(round[v as usize]));
+            let flat = (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).normalize();
+            for p in corners {
+                positions.push(p.into());
+                normals.push(if n % 2 == 0 { flat.into() } else { p.normalize().into() });
+            }
+        }
+        (positions, normals)
+    };
+    let meshes = [lump(6, 4, 1.7), lump(8, 5, 2.3), lump(9, 7, 0.9), lump(12, 9, 3.1)];
+    for (k, (positions, normals)) in meshes.iter().enumerate() {
+        let triangles: Vec<[u32; 3]> = (0..positions.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        let surface = || Surface::new(&[Part { positions, triangles: &triangles, normals }], 1.0).unwrap();
+        for view in 0..12 {
+            let (azimuth, elevation) = (0.55 * f64::from(view), 0.15 * f64::from(view % 5));
+            let orbit = Orbit { target: [0.0; 3], azimuth, elevation, roll: 0.0, distance: 5.0 };
+            let camera = Camera::new(orbit.view(), orthographic(30.0, SIZE, 0.1, 100.0), [120, 100]).unwrap();
+            let pen = Pen { thin_far: 0.0, weight: 0.0, bias: 0.0, ..INK };
+            let cover = alpha(&render(surface(), &camera, style()));
+            let drawn = render(surface(), &camera, Style { lines: Some((Lines::default(), pen)), ..style() });
+            let is_ink = |x: usize, y: usize| drawn.image[4 * (y * 120 + x)] < 0.25 && drawn.image[4 * (y * 120 + x) + 3] > 0.9;
+            for (i, cover) in cover.iter().enumerate().filter(|(_, cover)| (0.3..0.7).contains(*cover)) {
+                let (x, y) = (i % 120, i / 120);
+                let inked = (y - 3..=y + 3).any(|y| (x - 3..=x + 3).any(|x| is_ink(x, y)));
+                assert!(inked, "mesh {k}, view {view}: nothing at {x}, {y}, which is covered by {cover}");
+            }
+        }
+    }
+}
+
+#[test]
 fn hidden_lines_are_not_drawn() {
     // A cube in a larger one.
     let (outer, mut inner) = (cube(), cube());
