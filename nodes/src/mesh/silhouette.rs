@@ -1,7 +1,7 @@
 //! `mesh.silhouette`: silhouettes, borders, creases and intersections of a mesh as chains of points on its edges.
 //!
 //! **Method** the zero set of n · v, interpolated over each triangle ([`crate::algo::silhouette`]): smooth chains whose points lie on edges. What is
-//! hidden of them is exact ([`crate::algo::hidden`]): a line has a point more where it goes behind something. Where the mesh is coarse or rough, lines are
+//! hidden of them is exact ([`crate::algo::hidden`]), as is where parts cross ([`crate::algo::crossings`]): a line has a point more where it goes behind something. Where the mesh is coarse or rough, lines are
 //! looked for on a denser and smoother one, and their points are those where they cross edges of the mesh itself ([`crate::algo::mesh_lines`]).
 //!
 //! **Source** Li, Gleicher, Xu, Shum, *Stylizing Motion with Drawings*, 2003, section 3.2; Hertzmann, Zorin, *Illustrating smooth surfaces*, 2000; Loop 1987.

@@ -1,5 +1,5 @@
-//! What a call of a plugin costs, in this process, in a worker, and in one that is reached over sockets: nodes that do next to nothing, and a filter of a
-//! picture in full HD.
+//! What a call of a plugin costs, in this process, in a worker, and in one that is reached over sockets: nodes that do next to nothing, beside the same
+//! nodes built in, and a filter of a picture in full HD.
 //!
 //! The ways take turns, and the least of each counts, which other programs on the machine disturb least. The allocator is the program's, so that pictures
 //! lie where workers see them.

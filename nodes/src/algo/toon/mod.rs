@@ -2,7 +2,8 @@
 //!
 //! Bands of rows are drawn by themselves, on as many threads as there are; each pixel's bits depend on the scene alone. Every pixel is sampled at its
 //! centre; those where colours meet are sampled 16 times over. How much of a pixel is covered at all is not sampled but exact. Lines are
-//! the chains of [`super::silhouette`], cut where triangles hide them ([`super::hidden`]), and drawn with a pen whose width may change.
+//! the chains of [`super::silhouette`], cut where triangles hide them ([`super::hidden`]), and drawn with a pen whose width may change. Where the mesh hides the
+//! line of the smooth surface that it stands for, the outermost outline has ink along the mesh's own edges.
 //!
 //! **Source** Hertzmann and Zorin, *Illustrating smooth surfaces*, 2000; Northrup and Markosian, *Artistic silhouettes: a hybrid approach*, 2000
 //! (visibility and linking on the screen); the look of Li, Gleicher, Xu and Shum, *Stylizing Motion with Drawings*, 2003.
